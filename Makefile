@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 unexport PYTHONDONTWRITEBYTECODE
 KERNEL := CMakeLists.txt $(wildcard talc/kernel/*)
 
-# Speed and errors beside others, in the same run on one thread; renews the tables in docs/results.md.
+# Speed and errors beside others, in the same run on one thread; renews the tables in docs/figures.md.
 # SUBJECTS=recordings RECORDINGS=folder METHODS=my_module:MyMethod: your own (docs/benchmark-recordings.md).
 RECORDINGS ?=
 METHODS ?=
@@ -16,9 +16,9 @@ bench: $(VENV)/.ready
 		$(BIN)/python -m benchmarks $(SUBJECTS)
 
 # One of the papers' studies in full (docs/studies.md); continues where it was stopped, and renews its table in
-# docs/results.md and the figures of its page in docs/studies.
+# docs/figures.md and the figures of its page in docs/studies.
 study: $(VENV)/.ready
-	$(BIN)/python -m studies $(NAME) --results docs/results.md --pages docs/studies
+	$(BIN)/python -m studies $(NAME) --results docs/figures.md --pages docs/studies
 
 # Draws the pictures of the documentation again; takes as long as the demo. PICTURES=folder: there, not in docs.
 # DEMO="--hours 2": a shorter demo; OUT=folder: its files, instead of out; SHOTS="tests/...": the tests that take pictures of the page for operators.
@@ -36,7 +36,7 @@ pictures: $(VENV)/.ready
 site: $(VENV)/.ready
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
-.PHONY: bench study pictures site demo deb wheels audit mutation test beside lint format types imports clean
+.PHONY: bench study pictures site demo deb wheels release audit mutation test checks beside alone lint format types imports clean
 
 # --no-compile: most modules of the libraries are never imported, the others are compiled when they are.
 $(VENV)/.ready: pyproject.toml requirements/dev.lock $(KERNEL)
@@ -57,6 +57,10 @@ deb: $(VENV)/.ready
 # dist/talc_gateway-*-cp312-abi3-*.whl for x86-64 and aarch64 (docs/install-pi.md). PYTHON: 3.12 or later.
 wheels:
 	PYTHON=$(PYTHON) deploy/wheels.sh dist
+
+# Everything of a release, each part installed into an empty environment; dist/VERSION, and a table (deploy/release.sh).
+release:
+	deploy/release.sh
 
 # Known vulnerabilities of what an installation brings and of what builds it (asks pypi.org; needs only the standard
 # library).
@@ -81,7 +85,7 @@ lint: $(VENV)/.ready
 	$(BIN)/ruff check .
 
 types: $(VENV)/.ready
-	$(BIN)/mypy
+	nice $(BIN)/mypy  # beside tests that a computer's own time is for
 
 imports: $(VENV)/.ready
 	PYTHONPATH=. $(BIN)/lint-imports --no-cache  # a cache from before a rename reports imports that no longer exist
@@ -96,7 +100,12 @@ PYTEST := $(BIN)/python -m pytest --durations=15
 
 # The checks run beside the tests; if one of them fails, the tests still run to their end, and make fails.
 test: $(VENV)/.ready
-	$(MAKE) --no-print-directory --jobs=4 lint types imports beside
+	$(MAKE) --no-print-directory --jobs=4 checks beside
+	$(MAKE) --no-print-directory alone
+
+checks: lint types imports
+
+alone: $(VENV)/.ready
 	$(PYTEST) -m "realtime and ($(TESTS))" $$(grep -rl --include='test_*.py' 'mark\.realtime' tests)
 
 # Otherwise each worker would compile all tests, and the libraries that they import.

@@ -107,7 +107,6 @@ def rows() -> list[BenchRow]:
             BenchRow(
                 "truth within the stated interval of the forecast",
                 ", ".join(f"{v:.0%}" for v in np.nanmean([f.inside for f in own], axis=(0, 2))),
-                goal="93–98 %",
             ),
         ]
     return table

@@ -112,9 +112,8 @@ def rows() -> list[BenchRow]:
         BenchRow(
             "Group-LASSO solve, 30 inputs, nb = 5, mean of 36 problems",
             f"{1e3 * statistics.mean(solve_s):.2f} ms, true gap at most {gap:.0e}",
-            goal="≤ 1 ms, gap ≤ 1e-8",
         ),
-        BenchRow("ADMM in NumPy, stopped at that gap", f"{slow / same:.0f} × ours", f"{1e3 * slow:.0f} ms", "≥ 10 ×"),
+        BenchRow("ADMM in NumPy, stopped at that gap", f"{slow / same:.0f} × ours", f"{1e3 * slow:.0f} ms"),
     ]
     whole = statistics.mean(median_s(partial(_ours, *problem), 5) for problem in some)
     peers: dict[str, Callable[[FloatArray, FloatArray, float], FloatArray]] = {"celer": _celer, "skglm": _skglm}
@@ -130,9 +129,7 @@ def rows() -> list[BenchRow]:
                 gaps.append(_gap(*problem, theta))
         mean = statistics.mean(taken)
         text = f"{1e3 * mean:.0f} ms, gap {statistics.median(gaps):.0e}, at most {max(gaps):.0e}"
-        table.append(
-            BenchRow(f"{name}, from the design (ours with the Gram)", f"{mean / whole:.0f} × ours", text, "≥ 100 ×")
-        )
+        table.append(BenchRow(f"{name}, from the design (ours with the Gram)", f"{mean / whole:.0f} × ours", text))
     # On such designs a gap of 1e-8 leaves more of a coefficient open than 1e-5.
     exact = [_clarabel(*problem) for problem in some]
     loose, tight = (
@@ -144,7 +141,6 @@ def rows() -> list[BenchRow]:
             f"coefficients against Clarabel, solved to {_TIGHT:.0e}",
             f"{tight:.0e} apart at most",
             f"{loose:.0e} when solved to 1e-8",
-            "≤ 1e-5",
         )
     )
     return table

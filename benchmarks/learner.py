@@ -93,11 +93,11 @@ def _learnt(seed: int) -> tuple[tuple[str, ...], LearnerState]:
     return m.names, state
 
 
-def _curve_row(name: str, curves: list[FloatArray], goal: str = "", peer: list[FloatArray] | None = None) -> BenchRow:
+def _curve_row(name: str, curves: list[FloatArray], peer: list[FloatArray] | None = None) -> BenchRow:
     def text(several: list[FloatArray]) -> str:
         return ", ".join(f"{v:.2f}" for v in np.exp(np.log(np.array(several)).mean(axis=(0, 2))))
 
-    return BenchRow(f"E_RMS over none, {name}; 0–2, 2–6, 6–24, 24–96 h", text(curves), text(peer) if peer else "", goal)
+    return BenchRow(f"E_RMS over none, {name}; 0–2, 2–6, 6–24, 24–96 h", text(curves), text(peer) if peer else "")
 
 
 def _cost() -> list[BenchRow]:
@@ -122,10 +122,10 @@ def _cost() -> list[BenchRow]:
         return f"{np.percentile(values, 50) * 1e3:.2f} ms, p99 {np.percentile(values, 99) * 1e3:.2f} ms"
 
     return [
-        BenchRow("a step with a measurement, nine errors, 36 inputs", p(times[True]), goal="p99 ≤ 5 ms"),
-        BenchRow("a step without one", p(times[False]), goal="p99 ≤ 0.2 ms"),
-        BenchRow("replay of 340 h, learning included", f"{sum(map(sum, times.values())):.1f} s", goal="≤ 2 s"),
-        BenchRow("memory of a controller that learns", f"{peak / 1e6:.0f} MB", goal="≤ 45 MB"),
+        BenchRow("a step with a measurement, nine errors, 36 inputs", p(times[True])),
+        BenchRow("a step without one", p(times[False])),
+        BenchRow("replay of 340 h, learning included", f"{sum(map(sum, times.values())):.1f} s"),
+        BenchRow("memory of a controller that learns", f"{peak / 1e6:.0f} MB"),
     ]
 
 
@@ -133,7 +133,7 @@ def rows() -> list[BenchRow]:
     """All rows of the table; takes a few minutes."""
     table = []
     with ProcessPoolExecutor(os.cpu_count()) as pool:
-        for name, every, goal in (("5 min", 1, "≤ 0.17, worst ≤ 0.40"), ("60 min", _HOUR, "≤ 0.25, worst ≤ 0.55")):
+        for name, every in (("5 min", 1), ("60 min", _HOUR)):
             jobs = [(*m, every) for m in MACHINES]
             found = list(pool.map(_over_hold, *zip(*jobs, strict=True)))
             ratio, none, inside = (np.array([f[i] for f in found]) for i in range(3))
@@ -142,11 +142,10 @@ def rows() -> list[BenchRow]:
                     f"E_RMS, a day measured each {name}, then each 2 h, 16 machines",
                     f"{np.exp(np.log(ratio).mean()):.2f} of measure-and-hold, worst {ratio.max():.2f}",
                     f"worst {none.max():.2f} of none; 95 % intervals hold {inside.mean():.0%}",
-                    f"{goal}; of none ≤ 1.05; 93–98 %",
                 )
             )
         hourly = list(pool.map(_curve, *zip(*((*m, _HOUR, None) for m in MACHINES), strict=True)))
-        table.append(_curve_row("hourly from the start, 16 machines", hourly, "≤ 0.85, 0.42, 0.22, 0.14"))
+        table.append(_curve_row("hourly from the start, 16 machines", hourly))
         prior = make_prior(list(pool.map(_learnt, range(7))))
         mirrored = replace(prior, mean=-prior.mean)
         order = np.random.default_rng(0).permutation(len(prior.inputs))
@@ -156,13 +155,10 @@ def rows() -> list[BenchRow]:
         def curves(every: int, told: Prior | None) -> list[FloatArray]:
             return list(pool.map(_curve, *zip(*((*place, every, told) for place in places), strict=True)))
 
-        for every, goal in ((4 * _HOUR, "≤ 0.55, 0.40, 0.22, 0.13"), (_HOUR, "")):
+        for every in (4 * _HOUR, _HOUR):
             none_told = curves(every, None)
             name = f"each {every // _HOUR} h, prior of seven machines, on the eighth (beside: without)"
-            table.append(_curve_row(name, curves(every, prior), goal, none_told))
+            table.append(_curve_row(name, curves(every, prior), none_told))
         for name, wrong in (("mirrored", mirrored), ("with exchanged sensors", exchanged)):
-            goal = "after 6 h at most 1.1 of without"
-            table.append(
-                _curve_row(f"hourly, the prior {name} (beside: without)", curves(_HOUR, wrong), goal, none_told)
-            )
+            table.append(_curve_row(f"hourly, the prior {name} (beside: without)", curves(_HOUR, wrong), none_told))
     return table + _cost()

@@ -8,12 +8,11 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class BenchRow:
-    """One measured figure beside its goal."""
+    """One measured figure, and what it is compared with."""
 
     work: str
     ours: str
     peer: str = ""
-    goal: str = ""
 
 
 def median_s(work: Callable[[], object], repeats: int) -> float:

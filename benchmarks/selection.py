@@ -94,17 +94,16 @@ def rows() -> list[BenchRow]:
         textbook[loop] = (time.perf_counter() - start) / TRIALS
     replayed = sorted(_replayed(weeks, train(_job(day, search))) for _ in range(3))[1]
     return [
-        BenchRow("`search`, nine errors, 24 h", f"{short:.2f} s", goal="≤ 2 s"),
-        BenchRow("`search`, nine errors, 340 h", f"{long:.2f} s", goal="≤ 5 s"),
-        BenchRow("`pso` 40 × 60, nine errors, 24 h", f"{pso:.2f} s", goal="≤ 3 s"),
+        BenchRow("`search`, nine errors, 24 h", f"{short:.2f} s"),
+        BenchRow("`search`, nine errors, 340 h", f"{long:.2f} s"),
+        BenchRow("`pso` 40 × 60, nine errors, 24 h", f"{pso:.2f} s"),
         BenchRow(
             "a random candidate of such a swarm by ADMM and a Python loop",
             f"{textbook[True] / ours:.0f} × ours",
             f"{textbook[True] * 1e3:.0f} ms, mean of {TRIALS}; ours {ours * 1e3:.2f} ms",
-            "≥ 100 ×",
         ),
         BenchRow(
             "the same by ADMM and lfilter", f"{textbook[False] / ours:.0f} × ours", f"{textbook[False] * 1e3:.0f} ms"
         ),
-        BenchRow("replay of 340 h without training", f"{replayed:.2f} s", goal="≤ 0.5 s"),
+        BenchRow("replay of 340 h without training", f"{replayed:.2f} s"),
     ]

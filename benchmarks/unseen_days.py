@@ -111,13 +111,6 @@ def unseen_outcome(way: Way, kind: str, seed: int, noise_seed: int | None = None
     )
 
 
-_GOALS = {
-    WAYS[0].name: "≤ 0.17, worst ≤ 0.40; 93–98 %",
-    WAYS[1].name: "≤ 0.25, worst ≤ 0.55; 93–98 %",
-    WAYS[2].name: "≤ 0.6, never above 1; 90–99 %",
-}
-
-
 def _line(way: Way, outcomes: list[UnseenOutcome], default: list[UnseenOutcome]) -> BenchRow:
     """default: of the first way; its measurement times are the common yardstick for all ways."""
     ratio = np.array([o.rms / o.hold for o in outcomes])
@@ -130,7 +123,6 @@ def _line(way: Way, outcomes: list[UnseenOutcome], default: list[UnseenOutcome])
         f"{np.exp(np.log(common).mean()):.2f} of the first way's; "
         f"{np.mean([o.measurements for o in outcomes]):.0f} measurements, "
         f"{np.mean([o.updates for o in outcomes]):.1f} updates; 95 % intervals hold {inside.mean():.0%}",
-        _GOALS.get(way.name, ""),
     )
 
 

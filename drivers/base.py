@@ -12,6 +12,8 @@ from enum import StrEnum
 from time import monotonic
 from typing import Protocol, runtime_checkable
 
+from drivers.text import Text, plain
+
 
 class Quality(StrEnum):
     """How far a value can be trusted, as the device, the wire or a stated check reports it; never inferred from the
@@ -156,23 +158,34 @@ class SharedLine(Protocol):
         ...
 
 
+def dotted(parts: Sequence[str | int]) -> str:
+    """`status.rule[1].bit`."""
+    return "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in parts).removeprefix(".")
+
+
 class DriverError(Exception):
-    """An error of a device or its bus. The message says what; bus, device and channel say where; hint, what to do."""
+    """An error of a device or its bus. The message says what; bus, device and channel say where; hint, what to do.
+
+    What and hint are texts with a code (drivers/text.py), so that they can be said in other languages, or plain words.
+    """
 
     hurried = False
     """See NoAnswer."""
     heard = False
     """Whether the device was heard: it is not silent, although this answer cannot be used."""
+    field: tuple[str | int, ...] = ()
+    """See SetupError."""
 
     def __init__(self, what: str, *, bus: str = "", device: str = "", channel: str = "", hint: str = "") -> None:
-        self.what, self.bus, self.device, self.channel, self.hint = what, bus, device, channel, hint
-        where = ", ".join(f"{k} {v}" for k, v in (("bus", bus), ("device", device), ("channel", channel)) if v)
-        super().__init__((f"{where}: " if where else "") + self.advice)
+        self.what, self.bus, self.device, self.channel, self.hint = plain(what), bus, device, channel, plain(hint)
+        where = [Text(k, name=v) for k, v in (("bus", bus), ("device", device), ("channel", channel)) if v]
+        said = Text("at_field", field=dotted(self.field), what=self.advice) if self.field else self.advice
+        super().__init__(Text("at_place", where=where, what=said) if where else said)
 
     @property
-    def advice(self) -> str:
+    def advice(self) -> Text:
         """What, and what to do, for where the place is known."""
-        return f"{self.what} ({self.hint})" if self.hint else self.what
+        return Text("with_hint", what=self.what, hint=self.hint) if self.hint else self.what
 
 
 @contextmanager
@@ -185,7 +198,15 @@ def placed(bus: str, device: str = "") -> Iterator[None]:
 
 
 class SetupError(DriverError, ValueError):
-    """The settings cannot work: unknown profile, channel or unit id out of range. Raised on construction, offline."""
+    """The settings cannot work: unknown profile, channel or unit id out of range. Raised on construction, offline, also
+    by validators, from which pydantic passes it on.
+
+    field: where the wrong value is, below the settings or the validator's own field
+    """
+
+    def __init__(self, what: str, *, field: Sequence[str | int] = (), **where: str) -> None:
+        self.field = tuple(field)
+        super().__init__(what, **where)
 
 
 class ConnectError(DriverError):

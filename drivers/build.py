@@ -15,6 +15,7 @@ from drivers.problems import read_settings
 from drivers.profile import DeviceProfile, fits_bus
 from drivers.profiles import load_profile
 from drivers.tap import Tap
+from drivers.text import Text
 
 __all__ = ["BUS_KINDS", "bus_from_settings", "check_device", "make_device"]
 
@@ -59,7 +60,7 @@ def make_device(
     """
     profile = _loaded(profile)
     if bus.kind not in BUS_KINDS:
-        raise SetupError(f"kind {bus.kind!r} is not one of those that are built here", bus=bus.name)
+        raise SetupError(Text("bus_kind_foreign", kind=bus.kind), bus=bus.name)
     device = _placed(device_name, bus.name, BUS_KINDS[bus.kind], profile, unit, channels, options)
     return DEVICES[profile.protocol].make(device, bus, clock)
 
@@ -91,22 +92,24 @@ def _check_address(device: PlacedDevice[Any, Any], settings: type[BusSettings]) 
     profile, kind, units = device.profile, settings.bus_kind, settings.units
     if not fits_bus(profile.buses, kind, settings.carries):
         raise device.error(
-            f"profile {profile.name} does not fit a {kind} bus", hint=f"it needs {' or '.join(profile.buses)}"
+            Text("profile_misfit", profile=profile.name, kind=kind), hint=Text("profile_needs", kinds=profile.buses)
         )
     if units is not None and not units[0] <= device.unit <= units[1]:
-        raise device.error(f"unit = {device.unit}: expected {units[0]} to {units[1]} on a {kind} bus")
+        raise device.error(
+            Text("unit_beyond", unit=device.unit, low=units[0], high=units[1], kind=kind), field=("unit",)
+        )
 
 
 def _check_channels(device: PlacedDevice[Any, Any]) -> None:
     profile = device.profile
     if not device.channels:
-        raise device.error("no channels", hint="name at least one")
+        raise device.error(Text("no_channels"), hint=Text("name_one"))
     seen: dict[int, str] = {}
     for channel, number in device.channels.items():
         if not 0 <= number < profile.channels:
             raise device.error(
-                f"channel number {number}: {profile.name} has 0 to {profile.channels - 1}", channel=channel
+                Text("channel_absent", number=number, profile=profile.name, last=profile.channels - 1), channel=channel
             )
         if number in seen:
-            raise device.error(f"channel number {number} is taken by {seen[number]} already", channel=channel)
+            raise device.error(Text("channel_taken", number=number, by=seen[number]), channel=channel)
         seen[number] = channel

@@ -8,6 +8,7 @@ from typing import Annotated, ClassVar, Literal, NamedTuple, Self
 from pydantic import Field, model_validator
 
 from drivers.section import AnswerTime, HostName, Port, Section, SerialPort, host_and_port, wrong
+from drivers.text import Text
 
 Parity = Literal["N", "E", "O"]
 SLOWEST_BAUD = 300
@@ -135,10 +136,10 @@ class SerialSettings(BusSettings):
     @model_validator(mode="after")
     def _switched(self) -> Self:
         if self.is_remote and self.rs485_rts is not None:
-            raise wrong("has no effect on a port of a device server: set the direction of RS-485 there", "rs485_rts")
+            raise wrong(Text("rts_of_server"), "rs485_rts")
         for field, delay_s in (("rs485_before_s", self.rs485_before_s), ("rs485_after_s", self.rs485_after_s)):
             if delay_s and self.rs485_rts is None:
-                raise wrong(f"{delay_s:g}: has no effect without rs485_rts", field)
+                raise wrong(Text("delay_without_rts", delay_s=delay_s), field)
         return self
 
     @property

@@ -17,12 +17,13 @@ from drivers.bus_settings import SerialSettings
 from drivers.error_words import error_number, in_words
 from drivers.section import host_and_port
 from drivers.tap import Tap
+from drivers.text import Text
 
 _READ_SIZE = 4096
 _MOST_UNREAD = 65536
-CLOSED = "not connected"
+CLOSED = Text("not_connected")
 """Why nothing comes: it is not open."""
-_TAKEN = "another program has it open"
+_TAKEN = Text("port_taken")
 
 
 class ByteStream(Protocol):
@@ -143,7 +144,7 @@ class Inbox:
     def check(self) -> None:
         """Raise ConnectError when the connection is lost."""
         if self._lost is not None:
-            raise ConnectError(self._lost, bus=self._bus, hint="connect the bus again")
+            raise ConnectError(self._lost, bus=self._bus, hint=Text("connect_bus_again"))
 
     def discard(self) -> bytes:
         data = bytes(self._bytes)
@@ -181,9 +182,9 @@ class SerialStream:
             )
         except (OSError, ValueError, termios.error) as error:
             raise ConnectError(
-                f"cannot open serial port {s.port}: {in_words(error)}",
+                Text("port_not_open", port=s.port, why=in_words(error)),
                 bus=self._bus,
-                hint=serial_port_hint(error, s.parity) or "check port, baud, parity and stopbits",
+                hint=serial_port_hint(error, s.parity) or Text("check_port"),
             ) from error
         self._switch_direction(self._port)
         self._inbox.opened()
@@ -206,9 +207,9 @@ class SerialStream:
             self._port = None
             port.close()
             raise ConnectError(
-                f"serial port {s.port} does not switch by RTS (rs485_rts = {s.rs485_rts!r}): {in_words(error)}",
+                Text("port_no_rts", port=s.port, rs485_rts=repr(s.rs485_rts), why=in_words(error)),
                 bus=self._bus,
-                hint="remove rs485_rts: the adapter switches by itself, or needs another driver",
+                hint=Text("omit_rts"),
             ) from error
 
     async def close(self) -> None:
@@ -228,11 +229,11 @@ class SerialStream:
         try:
             written = os.write(self._port.fileno(), data)
         except OSError as error:
-            self._inbox.lose(f"serial port {self._settings.port} is gone: {in_words(error)}")
+            self._inbox.lose(Text("port_gone", port=self._settings.port, why=in_words(error)))
             self._inbox.check()
         else:
             if written < len(data):
-                self._inbox.lose(f"serial port {self._settings.port} accepts no more data")
+                self._inbox.lose(Text("port_full", port=self._settings.port))
                 self._inbox.check()
 
     async def read(self, timeout_s: float) -> bytes:
@@ -249,12 +250,12 @@ class SerialStream:
         except OSError as error:
             data, reason = b"", in_words(error)
         else:
-            reason = "hung up"
+            reason = Text("hung_up")
         if data:
             self._inbox.put(data)
         else:
             asyncio.get_running_loop().remove_reader(descriptor)
-            self._inbox.lose(f"serial port {self._settings.port} is gone: {reason}")
+            self._inbox.lose(Text("port_gone", port=self._settings.port, why=reason))
 
 
 def serial_port_hint(error: Exception, parity: str = "N") -> str:
@@ -263,13 +264,13 @@ def serial_port_hint(error: Exception, parity: str = "N") -> str:
         case errno.EAGAIN:
             return _TAKEN
         case errno.ENOENT:
-            return "is the adapter plugged in? ls -l /dev/serial/by-id lists the ports"
+            return Text("port_absent")
         case errno.EACCES:
-            return "add the user to the dialout group"
+            return Text("join_dialout")
         case errno.ENOTTY | errno.EISDIR | errno.ENXIO:
-            return "this is not a serial port; ls -l /dev/serial/by-id lists the ports"
+            return Text("no_serial_port")
         case errno.EINVAL if parity != "N":
-            return "this port does not support parity (pseudo-terminals do not); set parity = 'N'"
+            return Text("no_parity")
     return ""
 
 
@@ -295,16 +296,16 @@ class TcpStream:
                 )
         except TimeoutError as error:
             raise ConnectError(
-                f"{host_and_port(self._host, self._tcp_port)} did not answer within {timeout_s:g} s",
+                Text("host_silent", address=host_and_port(self._host, self._tcp_port), timeout_s=timeout_s),
                 bus=self._bus,
-                hint="check power, cable and address",
+                hint=Text("check_power"),
             ) from error
         except (OSError, UnicodeError) as error:
-            why = "no host can have this name" if isinstance(error, UnicodeError) else in_words(error)
+            why = Text("no_host_name") if isinstance(error, UnicodeError) else in_words(error)
             raise ConnectError(
-                f"cannot connect to {host_and_port(self._host, self._tcp_port)}: {why}",
+                Text("host_refuses", address=host_and_port(self._host, self._tcp_port), why=why),
                 bus=self._bus,
-                hint="check host and port",
+                hint=Text("check_host"),
             ) from error
         notice_dead_peer(transport.get_extra_info("socket"))
         self._transport = transport
@@ -340,7 +341,7 @@ class _TcpProtocol(asyncio.Protocol):
         self._put(data)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        self._lose(f"connection lost: {in_words(exc)}" if exc else "the device closed the connection")
+        self._lose(Text("connection_lost", why=in_words(exc)) if exc else Text("device_hung_up"))
 
 
 def notice_dead_peer(sock: socket.socket) -> None:

@@ -7,6 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from drivers.base import SetupError
+from drivers.bounded_file import bytes_of
+from drivers.error_words import in_words
+from drivers.text import Text
 
 if TYPE_CHECKING:
     import ssl
@@ -17,14 +20,13 @@ ENDS_SOON: Final = timedelta(days=30)
 
 def unusable_file(field: str, path: Path | None, error: Exception, device: str = "") -> SetupError:
     """The error that says why the file of a field cannot be used."""
-    said = error.strerror if isinstance(error, OSError) else None
-    return SetupError(f"{field} = {str(path)!r} cannot be used: {said or error}", device=device)
+    return SetupError(Text("file_useless", path=str(path), why=in_words(error)), field=(field,), device=device)
 
 
 def secret_in(field: str, path: Path, device: str = "") -> str:
     """The file's text without the white space around it. Raises SetupError."""
     try:
-        return path.read_text(encoding="utf-8").strip()
+        return bytes_of(path).decode().strip()
     except (OSError, UnicodeError) as error:
         raise unusable_file(field, path, error, device) from error
 

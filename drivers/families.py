@@ -11,6 +11,7 @@ from typing import Any, get_args
 
 from drivers.bus_settings import BusSettings
 from drivers.family import BusKind, DeviceKind, Family
+from drivers.text import Text
 
 _OWN = ("modbus", "canopen", "can", "micro_epsilon", "opcua", "mqtt", "agent")
 """Folders of `drivers` with a module `family`, in the order of the configuration's reference."""
@@ -31,12 +32,12 @@ def register(family: Family) -> None:
     for bus in family.buses:
         kind = bus.settings.bus_kind
         if _buses.setdefault(kind, bus) is not bus:
-            raise ValueError(f"bus kind '{kind}' is another family's")
+            raise ValueError(Text("bus_kind_taken", kind=kind))
         _settings[kind] = bus.settings
     for device in family.devices:
         (protocol,) = get_args(device.profile.model_fields["protocol"].annotation)
         if _devices.setdefault(protocol, device) is not device:
-            raise ValueError(f"protocol '{protocol}' is another family's")
+            raise ValueError(Text("protocol_taken", protocol=protocol))
 
 
 for _name in _OWN:

@@ -4,7 +4,7 @@ Each family has a module `family` with its `FAMILY`. Whatever loads the family's
 that make a bus or a driver.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
@@ -13,6 +13,7 @@ from drivers.bus_settings import BusSettings
 from drivers.profile import DeviceProfile
 from drivers.section import Section
 from drivers.tap import Tap
+from drivers.text import Text
 
 S = TypeVar("S", bound=BusSettings)
 P = TypeVar("P", bound=DeviceProfile)
@@ -35,13 +36,13 @@ class PlacedDevice(Generic[P, O]):
     """Channel name to the device's channel number."""
     options: O
 
-    def error(self, what: str, *, channel: str = "", hint: str = "") -> SetupError:
+    def error(self, what: Text, *, field: Sequence[str] = (), channel: str = "", hint: str = "") -> SetupError:
         """The error that names this device."""
-        return SetupError(what, bus=self.bus, device=self.name, channel=channel, hint=hint)
+        return SetupError(what, field=field, bus=self.bus, device=self.name, channel=channel, hint=hint)
 
     def foreign(self, bus: Bus) -> SetupError:
         """The error of a bus that the family did not make."""
-        return self.error(f"{type(bus).__name__} is not a bus that was built here")
+        return self.error(Text("bus_foreign", kind=type(bus).__name__))
 
 
 @dataclass(frozen=True, slots=True)

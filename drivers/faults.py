@@ -9,6 +9,7 @@ from pydantic import Discriminator, Field, Tag, model_validator
 
 from drivers.base import Quality
 from drivers.section import Section, wrong
+from drivers.text import Text, shown
 
 _MOST = 0xFFFFFFFFFFFFFFFF
 
@@ -31,7 +32,7 @@ class FaultText(Section):
 
     @property
     def fault(self) -> Fault:
-        return Fault(Quality(self.quality), self.detail)
+        return Fault(Quality(self.quality), Text("of_profile", detail=self.detail))
 
 
 class CodeRule(FaultText):
@@ -47,9 +48,9 @@ class CodeRule(FaultText):
     @model_validator(mode="after")
     def _said_once(self) -> Self:
         if self.bit is None and self.equals is None:
-            raise wrong("missing; give it, or bit", "equals")
+            raise wrong(Text("rule_empty"), "equals")
         if self.bit is not None and (self.mask is not None or self.equals is not None):
-            raise wrong(f"{self.bit}: it replaces mask and equals; omit them", "bit")
+            raise wrong(Text("rule_bit_alone", bit=self.bit), "bit")
         return self
 
     def matches(self, number: int) -> bool:
@@ -70,7 +71,7 @@ class RangeRule(FaultText):
     @model_validator(mode="after")
     def _in_order(self) -> Self:
         if self.low is not None and self.high is not None and self.low > self.high:
-            raise wrong(f"{self.low:g} is above high = {self.high:g}", "low")
+            raise wrong(Text("above_high", low=self.low, high=self.high), "low")
         return self
 
     def matches(self, number: float) -> bool:
@@ -91,12 +92,16 @@ def check_code(rule: CodeRule, within: int, *at: str | int) -> None:
     """
     if rule.bit is not None:
         if rule.bit >= within.bit_length():
-            raise wrong(f"{rule.bit}: expected at most {within.bit_length() - 1}", *at, "bit")
+            raise wrong(
+                Text("expected", value=shown(rule.bit), wanted=Text("at_most", limit=within.bit_length() - 1)),
+                *at,
+                "bit",
+            )
         if not within >> rule.bit & 1:
-            raise wrong(f"{rule.bit} is never set; only bits within 0x{within:X} are tested", *at, "bit")
+            raise wrong(Text("rule_bit_never", bit=rule.bit, mask=within), *at, "bit")
     looked_at = within if rule.mask is None else rule.mask & within
     if rule.equals is not None and rule.equals & ~looked_at:
-        what = f"0x{rule.equals:X} can never occur; only bits within 0x{looked_at:X} are tested"
+        what = Text("rule_never", number=rule.equals, mask=looked_at)
         raise wrong(what, *at, "equals")
 
 
@@ -133,15 +138,15 @@ class RawNumber:
         """For validators: raises an error for a rule that could never match, or always would."""
         if isinstance(rule, CodeRule):
             if self.real:
-                raise wrong(f"{self.name} is a real number and has no bits to test; state low or high", *at, "mask")
+                raise wrong(Text("rule_of_real", name=self.name), *at, "mask")
             check_code(rule, self.mask, *at)
         elif not self.real:
             least = -(1 << self.bits - 1) if self.signed else 0
             most = least + self.mask
             for name, bound in (("low", rule.low), ("high", rule.high)):
                 if bound is not None and not isinstance(bound, int):
-                    raise wrong(f"{bound}: expected a whole number", *at, name)
+                    raise wrong(Text("expected", value=shown(bound), wanted=Text("a_whole_number")), *at, name)
                 if bound is not None and not least <= bound <= most:
-                    raise wrong(f"{bound}: expected {least} to {most}", *at, name)
+                    raise wrong(Text("not_within", value=bound, low=least, high=most), *at, name)
             if rule.low in (None, least) and rule.high in (None, most):
-                raise wrong(f"{least} to {most} covers every possible raw number", *at, "low")
+                raise wrong(Text("rule_of_all", low=least, high=most), *at, "low")

@@ -7,6 +7,7 @@ from enum import StrEnum
 from typing import Final, Protocol, runtime_checkable
 
 from drivers.base import Quality
+from drivers.text import Text
 
 Triple = tuple[float, float, float]
 """X, Y, Z."""
@@ -94,6 +95,8 @@ class NcSnapshot:
     not_known: dict[str, str] = field(default_factory=dict)
     """Name of a state, or of a field above, to what the control reports of it and the driver cannot read. The state is
     missing, and the field unknown."""
+    cannot_probe_code: str = ""
+    """`cannot_probe` for programs; empty: the control gives none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,11 +108,13 @@ class RequestStatus:
     centres_mm: tuple[tuple[float, float, float], ...] | None = None
     """When done: the measured centre of the sphere at each pose (X, Y, Z)."""
     reason: str = ""
-    """Why it was refused or failed."""
+    """Why it was refused or failed, in words."""
     spread_mm: float | None = None
     """When done: largest difference between repeated touches of one point; None: the control does not report it."""
     in_force_um: Triple | None = None
     """When done: the shift of X, Y, Z that stood still while it ran; None: what the gateway had written."""
+    code: str = ""
+    """`reason` for programs; empty: the control gives none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -349,14 +354,14 @@ def check_errors(errors: NineErrors, largest_um: float) -> None:
     if len(errors.errors) != ERRORS or not all(
         map(math.isfinite, (*errors.errors, errors.radius_mm, *errors.bound_um))
     ):
-        raise NotSendable(f"{errors!r}: expected nine finite errors, a radius and three bounds; nothing was sent")
+        raise NotSendable(Text("nc_errors_not_finite", errors=repr(errors)))
     if any(abs(v) > largest_um for v in errors.errors):
-        raise NotSendable(f"errors = {errors.errors!r}: beyond largest_um = {largest_um:g}; nothing was sent")
+        raise NotSendable(Text("nc_errors_beyond", errors=repr(errors.errors), most_um=largest_um))
 
 
 def check_offsets(offsets_um: Triple, largest_um: float) -> None:
     """Before anything is sent: raises NotSendable for a number that is not finite or beyond `largest_um`."""
     if not all(math.isfinite(v) for v in offsets_um):
-        raise NotSendable(f"offsets_um = {offsets_um!r}: expected three finite numbers; nothing was sent")
+        raise NotSendable(Text("nc_offsets_three", offsets=repr(offsets_um)))
     if any(abs(v) > largest_um for v in offsets_um):
-        raise NotSendable(f"offsets_um = {offsets_um!r}: beyond largest_um = {largest_um:g}; nothing was sent")
+        raise NotSendable(Text("nc_offsets_beyond", offsets=repr(offsets_um), most_um=largest_um))

@@ -7,6 +7,7 @@ from typing import Final, Literal, get_args
 
 from drivers.faults import RawNumber
 from drivers.section import wrong
+from drivers.text import Text
 
 ByteNumber = Literal[
     "bool", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64", "float32", "float64"
@@ -27,4 +28,4 @@ def check_shift(shift: int, kind: ByteNumber | Literal["bit"]) -> None:
     """For validators: raises an error for a shift that leaves nothing of the number, or is of a real one."""
     whole = None if kind == "bit" else raw_number(kind, "")
     if shift and (whole is None or whole.real or shift >= whole.bits):
-        raise wrong(f"{shift}: expected fewer than the bits of an integer, type is {kind}", "shift")
+        raise wrong(Text("shift_beyond", shift=shift, type=kind), "shift")

@@ -2,8 +2,9 @@
 
 from drivers.base import Refused
 from drivers.nc import ProbingState, RequestStatus, Triple, WatchdogTerms
+from drivers.text import Text
 
-ONLY_READ = "the control is only read"
+ONLY_READ = Text("nc_only_read")
 
 
 class OnlyRead:
@@ -27,7 +28,7 @@ class OnlyRead:
         return 0.0, 0.0, 0.0
 
     async def claim(self, owner: int, terms: WatchdogTerms, predecessor: int | None = None) -> None:  # noqa: ARG002
-        raise Refused(ONLY_READ, device="nc", hint='[compensation] mode = "monitor" or "advise" works with it')
+        raise Refused(ONLY_READ, device="nc", hint=Text("mode_works"))
 
     async def heartbeat(self, owner: int) -> bool:  # noqa: ARG002
         raise Refused(ONLY_READ, device="nc")

@@ -1,22 +1,43 @@
 """Problems of a file or a table, one per line: where, which value, and what is expected."""
 
-import re
-import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, is_dataclass, replace
+from dataclasses import dataclass, field, is_dataclass, replace
 from dataclasses import fields as dataclass_fields
 from difflib import get_close_matches
+from itertools import islice
 from types import UnionType
-from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
+from typing import Annotated, Any, Literal, Protocol, TypeVar, Union, get_args, get_origin, runtime_checkable
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from drivers.base import SetupError
-from drivers.section import WRONG, strictly
+from drivers.base import DriverError, SetupError, dotted
+from drivers.section import strictly
+from drivers.text import Text, plain, shown, text_of
 
 Location = Sequence[str | int]
+_MOST_HOMES = 3
+_MOST_TOLD = 100
+_LONGEST_NAME = 100
+_CLOSE = 0.75
+_TABLES = ("model_type", "model_attributes_type", "dataclass_type", "dict_type")
 M = TypeVar("M", bound=BaseModel)
+
+
+@dataclass(frozen=True, slots=True)
+class Spot:
+    """A line of a file, and what it is in the file's data."""
+
+    line: int
+    """Counted from 1."""
+    source: str
+    """The line as it stands."""
+    section: str = ""
+    """Its section as the file names it, such as `[grid]` or `device 'rtd1'`; empty: the file is no TOML."""
+    field: str = ""
+    """The field within it, such as `channels.bed_front`; empty: the whole section."""
+    value: object = None
+    """The field's value; None: it is missing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,13 +46,45 @@ class Problem:
 
     where: str
     what: str
+    within: Location = ()
+    """The wrong field within `where`."""
     expected: str = ""
     """The end of `what`, if that says what is expected."""
+    at: Spot | None = field(default=None, compare=False)
+    """Where it is in the file's text, if that is known."""
 
     def __str__(self) -> str:
-        text = f"{self.where}: {self.what}" if self.where else self.what
-        # One line per problem, whatever characters the file holds.
-        return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+        return _one_line(self.text)
+
+    def in_language(self, language: str) -> str:
+        """In one line."""
+        return _one_line(self.text.in_language(language))
+
+    @property
+    def text(self) -> Text:
+        """Where, and what."""
+        return Text("place_problem", where=self.place, what=plain(self.what)) if self.place else plain(self.what)
+
+    @property
+    def place(self) -> str:
+        """`where` with the field."""
+        joint = " " if self.where.endswith("]") else ", "
+        return joint.join(part for part in (self.where, dotted(self.within)) if part)
+
+
+@runtime_checkable
+class NamesField(Protocol):
+    """An error of a package that knows no catalogue."""
+
+    field: str
+    value: object
+    expected: str
+    """In English."""
+
+
+def _one_line(text: str) -> str:
+    """Whatever characters the file holds."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def suggestion(wrong: str, right: Iterable[str]) -> str:
@@ -39,44 +92,33 @@ def suggestion(wrong: str, right: Iterable[str]) -> str:
     names = sorted(right)
     begun = [name for name in names if wrong and name.startswith(wrong)]
     if len(begun) > 1:
-        return f"did you mean {' or '.join(repr(name) for name in begun)}?"
-    close = get_close_matches(wrong, names, n=1, cutoff=0.6)
+        return Text("mean_one_of", names=" or ".join(repr(name) for name in begun))
+    close = get_close_matches(wrong[:_LONGEST_NAME], names, n=1, cutoff=0.6)
     if close:
-        return f"did you mean '{close[0]}'?"
-    return f"possible: {', '.join(names)}" if names else "none is possible here"
-
-
-def shown(value: object) -> str:
-    """A value as it would be written in the file, shortened when long."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."
-
-
-def toml_data(text: str) -> dict[str, object]:
-    """The data of a TOML file. Raises ValueError if the text is not TOML, or has values that cannot be shown."""
-    try:
-        data = tomllib.loads(text)
-        repr(data)  # an integer of thousands of digits cannot be written
-    except RecursionError:
-        raise ValueError("brackets are nested too deeply") from None
-    return data
+        return Text("mean", name=close[0])
+    return Text("possible", names=", ".join(names)) if names else Text("none_possible")
 
 
 def read_settings(
     kind: type[M], data: Mapping[str, object], context: Mapping[str, object] | None = None,
-    *, file: str = "", bus: str = "", device: str = "",
+    *, file: str = "", bus: str = "", device: str = "", line_of: Callable[[Location], int] | None = None,
 ) -> M:  # fmt: skip
     """The settings, options or profile that TOML's data describe; for `context` see `strictly`.
+
+    line_of: the line of the file on which a location is; 0: unknown
 
     Raises SetupError naming file, bus or device, and every invalid field with its value and what is expected.
     """
     try:
         return strictly(kind, data, context)
     except ValidationError as error:
-        found = _in_one_line(error, data, kind)
-        raise SetupError(f"{file}: {found}" if file else found, bus=bus, device=device) from error
+        what, field = _in_one_line(error, data, kind)
+        if file:
+            what = Text("at_field", field=dotted(field), what=what) if field else what
+            lines = [] if line_of is None else [line_of(each.within) for each in problems_of(error, data, kind)]
+            file = f"{file}:{first}" if (first := min(filter(None, lines), default=0)) else file
+            what, field = Text("in_file", file=file, what=what), ()
+        raise SetupError(what, field=field, bus=bus, device=device) from error
 
 
 def settings_of(kind: type[M], values: Mapping[str, object]) -> M:
@@ -84,37 +126,45 @@ def settings_of(kind: type[M], values: Mapping[str, object]) -> M:
     try:
         return kind.model_validate(values)
     except ValidationError as error:
-        raise SetupError(_in_one_line(error, values, kind)) from error
+        what, field = _in_one_line(error, values, kind)
+        raise SetupError(what, field=field) from error
 
 
-def _in_one_line(error: ValidationError, data: Mapping[str, object], kind: type[BaseModel]) -> str:
-    return "; ".join(map(str, problems_of(error, data, kind, lambda location, _: dotted(location))))
+def _in_one_line(error: ValidationError, data: Mapping[str, object], kind: type[BaseModel]) -> tuple[Text, Location]:
+    """What is wrong, and the field that has it, if it is a single one."""
+    problems = problems_of(error, data, kind)
+    if len(problems) == 1:
+        return plain(problems[0].what), problems[0].within
+    return Text("several", problems=[problem.text for problem in problems]), ()
 
 
 def problems_of(
     error: ValidationError,
     data: Mapping[str, object],
     root: type[BaseModel],
-    place: Callable[[Location, Mapping[str, object]], str],
+    place: Callable[[Location, Mapping[str, object]], str] | None = None,
 ) -> list[Problem]:
-    """Pydantic's findings in the words of the file.
+    """Pydantic's first hundred findings, as the file names things; each has `within` only.
 
-    place: returns a field's place for a person, from its location in the data
+    place: makes `where`, for a person, of `within`, its location in the data
     """
     # A default derived from an invalid field is not a second mistake.
-    details = [d for d in error.errors(include_url=False) if d["type"] != "default_factory_not_called"]
+    whole = (d for d in error.errors(include_url=False) if d["type"] != "default_factory_not_called")
+    details = list(islice(whole, _MOST_TOLD))
     meant = {(*d["loc"][:-1], name) for d in details if d["type"] == "missing" if (name := _misspelt(d, details))}
-    found: dict[str, Problem] = {}
+    found: dict[Location, Problem] = {}
     for detail in details:
         if detail["type"] == "extra_forbidden" and detail["loc"] in meant:
             continue  # already reported where it is missing
-        problem = _problem(detail, details, data, root, place)
-        known = found.get(problem.where)
+        problem = _problem(detail, details, data, root)
+        known = found.get(problem.within)
         if known is None:
-            found[problem.where] = problem
+            found[problem.within] = problem
         elif known.expected and problem.expected:  # each member of a union reports it
-            found[problem.where] = replace(known, what=f"{known.what} or {problem.expected}")
-    return list(found.values())
+            found[problem.within] = replace(known, what=Text("either", one=known.what, other=problem.expected))
+    if place is None:
+        return list(found.values())
+    return [replace(problem, where=place(problem.within, data), within=()) for problem in found.values()]
 
 
 def _misspelt(missing: ErrorDetails, details: Iterable[ErrorDetails]) -> str | None:
@@ -125,94 +175,97 @@ def _misspelt(missing: ErrorDetails, details: Iterable[ErrorDetails]) -> str | N
     return close[0] if close else None
 
 
-def dotted(parts: Location) -> str:
-    """`status.rule[1].bit`."""
-    return "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in parts).removeprefix(".")
-
-
 def _problem(
-    detail: ErrorDetails,
-    details: Iterable[ErrorDetails],
-    data: Mapping[str, object],
-    root: type[BaseModel],
-    place: Callable[[Location, Mapping[str, object]], str],
+    detail: ErrorDetails, details: Iterable[ErrorDetails], data: Mapping[str, object], root: type[BaseModel]
 ) -> Problem:
     location = _without_tags(detail["loc"], data)
     kind, value, context = detail["type"], detail.get("input"), detail.get("ctx", {})
-    if kind == WRONG:
-        at = _without_tags((*detail["loc"], *context["at"]), data)
-        return Problem(place(at, data), str(context["what"]))
-    where = place(location, data)
     key = str(location[-1]) if location else ""
     match kind:
         case "extra_forbidden" | "unexpected_keyword_argument":
-            holder = list(_annotations(root, detail["loc"][:-1]))
-            return Problem(where, f"unknown key; {suggestion(key, _keys(holder))}")
+            what = _unknown_key(key, list(_annotations(root, detail["loc"][:-1])), root)
         case "missing":
             if (other := _misspelt(detail, details)) is not None:
-                return Problem(where, f"missing; is '{other}' meant to be it?")
-            return Problem(
-                where, "missing; " + ("it has no default" if isinstance(location[-1], str) else "too few entries")
-            )
+                what = Text("missing_misspelt", other=other)
+            else:
+                what = Text("missing_no_default") if isinstance(location[-1], str) else Text("missing_entries")
         case "union_tag_not_found":
-            holder = list(_annotations(root, detail["loc"]))
-            return Problem(where, f"kind is missing; {suggestion('', [t for m in holder if (t := _tag(m))])}")
+            what = Text("missing_kind", advice=suggestion("", _tags(_annotations(root, detail["loc"]))))
         case "union_tag_invalid":
-            tags = re.findall(r"'([^']+)'", str(context.get("expected_tags", "")))
+            tags = _tags(_annotations(root, detail["loc"]))
             tag = str(context.get("tag"))
-            return Problem(f"{where}, kind", f"unknown kind '{tag}'; {suggestion(tag, tags)}")
-        case "value_error":
-            return Problem(where, str(context.get("error", detail["msg"])))
+            location, what = (*location, "kind"), Text("unknown_kind", tag=tag, advice=suggestion(tag, tags))
+        case "value_error" if isinstance(error := context.get("error"), Exception):
+            field, what = _raised(error)
+            location = (*location, *field)
         case "literal_error" if isinstance(value, str):
-            choices = re.findall(r"'([^']+)'", str(context.get("expected", "")))
-            return Problem(where, f"{shown(value)} is invalid; {suggestion(value, choices)}")
+            choices = _choices(_annotations(root, detail["loc"]))
+            what = Text("invalid", value=shown(value), advice=suggestion(value, choices))
+        case "literal_error":
+            wanted = Text("one_of", names=_choices(_annotations(root, detail["loc"])))
+            return Problem("", Text("expected", value=shown(value), wanted=wanted), location, wanted)
         case _:
-            return _expecting(where, value, kind, context, detail["msg"])
+            wrong = _expecting(value, kind, context, detail["msg"])
+            example = _example(location, _annotations(root, detail["loc"]), value) if kind in _TABLES else ""
+            what = Text("such_as", wanted=wrong.what, example=example) if example else plain(wrong.what)
+            return Problem("", what, location, wrong.expected)
+    return Problem("", what, location)
 
 
-def _expecting(where: str, value: object, kind: str, context: Mapping[str, Any], message: str) -> Problem:
+def _raised(error: Exception) -> tuple[Location, Text]:
+    """The field below a validator's own that its error names, and what it says."""
+    if isinstance(error, NamesField):
+        return (error.field,), Text("expected", value=shown(error.value), wanted=plain(error.expected))
+    return (error.field, error.advice) if isinstance(error, DriverError) else ((), text_of(error))
+
+
+def _unknown_key(key: str, holder: Sequence[object], root: type[BaseModel]) -> Text:
+    homes = [title for title, names, section in _sections(root) if key in names and section not in holder]
+    if homes and not get_close_matches(key, _keys(holder), n=1, cutoff=_CLOSE):
+        nearest = sorted(dict.fromkeys(homes), key=lambda title: title.count("."))
+        return Text("unknown_key_elsewhere", sections=" or ".join(nearest[:_MOST_HOMES]))
+    return Text("unknown_key", advice=suggestion(key, _keys(holder)))
+
+
+def _expecting(value: object, kind: str, context: Mapping[str, Any], message: str) -> Problem:
     wanted = _expected(kind, context)
     if wanted:
-        return Problem(where, f"{shown(value)}: expected {wanted}", wanted)
+        return Problem("", Text("expected", value=shown(value), wanted=wanted), expected=wanted)
     match kind:
         case "too_short":
-            wrong = f"has {context['actual_length']} entries, expected at least {context['min_length']}"
+            wrong = Text("few_entries", count=context["actual_length"], least=context["min_length"])
         case "too_long":
-            wrong = f"has {context['actual_length']} entries, expected at most {context['max_length']}"
+            wrong = Text("many_entries", count=context["actual_length"], most=context["max_length"])
         case _:
-            wrong = message[:1].lower() + message[1:]
-    return Problem(where, f"{shown(value)}: {wrong}")
+            wrong = plain(message[:1].lower() + message[1:])
+    return Problem("", Text("value_wrong", value=shown(value), wrong=wrong))
 
 
 def _expected(kind: str, context: Mapping[str, Any]) -> str:
     """Empty: it is not said so."""
     wanted = {
-        "string_type": "a text in quotes",
-        "int_type": "a whole number",
-        "int_from_float": "a whole number",
-        "float_type": "a number",
-        "bool_type": "true or false",
-        "model_type": "a table",
-        "model_attributes_type": "a table",
-        "dataclass_type": "a table",
-        "dict_type": "a table",
-        "tuple_type": "a list",
-        "path_type": "a path in quotes",
-        "finite_number": "a finite number",
-        "string_too_short": "a text that is not empty",
+        "string_type": Text("a_text"),
+        "int_type": Text("a_whole_number"),
+        "int_from_float": Text("a_whole_number"),
+        "float_type": Text("a_number"),
+        "bool_type": Text("a_truth"),
+        "model_type": Text("a_table"),
+        "model_attributes_type": Text("a_table"),
+        "dataclass_type": Text("a_table"),
+        "dict_type": Text("a_table"),
+        "tuple_type": Text("a_list"),
+        "path_type": Text("a_path"),
+        "finite_number": Text("a_finite_number"),
+        "string_too_short": Text("a_full_text"),
     }
     if kind in wanted:
         return wanted[kind]
-    limits = {"greater_than": ("gt", "more than"), "greater_than_equal": ("ge", "at least")}
-    limits |= {"less_than": ("lt", "less than"), "less_than_equal": ("le", "at most")}
+    limits = {"greater_than": ("gt", "more_than"), "greater_than_equal": ("ge", "at_least")}
+    limits |= {"less_than": ("lt", "less_than"), "less_than_equal": ("le", "at_most")}
     if kind in limits:
-        name, words = limits[kind]
-        return f"{words} {context[name]:g}"
-    return _plain(context["expected"]) if kind == "literal_error" else ""
-
-
-def _plain(text: object) -> str:
-    return str(text).replace("'", "")
+        name, code = limits[kind]
+        return Text(code, limit=context[name])
+    return ""
 
 
 def _without_tags(location: Location, data: object) -> tuple[str | int, ...]:
@@ -235,6 +288,38 @@ def _without_tags(location: Location, data: object) -> tuple[str | int, ...]:
         elif isinstance(part, int):
             kept.append(part)
     return tuple(kept)
+
+
+def _sections(holder: type, path: str = "") -> Iterator[tuple[str, Iterable[str], type]]:
+    """Title, keys and class of every section in a section, as the file has it; of an array or a map by its own key
+    too."""
+    for key, annotation in _fields(holder).items():
+        here = f"{path}.{key}".removeprefix(".")
+        for member in _members(annotation):
+            origin = get_origin(member)
+            listed, mapped = origin is tuple, origin is Mapping
+            inner = list(_members(get_args(member)[0 if listed else 1])) if listed or mapped else [member]
+            for each in inner:
+                if not isinstance(each, type) or not (fields := _fields(each)):
+                    continue
+                title = f"[[{here}]]" if listed else f"[{here}.NAME]" if mapped else f"[{here}]"
+                kind = f" of kind '{_tag(each)}'" if len(inner) > 1 and _tag(each) else ""
+                yield title + kind, [*fields, key] if mapped else fields, each
+                yield from _sections(each, here)
+
+
+def _example(location: Location, wanted: Iterable[object], value: object) -> str:
+    """What a table could be in place of this value; empty: its keys are not known."""
+    given = value if isinstance(value, list) else [] if isinstance(value, dict) else [value]
+    for member in wanted:
+        mapped = get_origin(member) is Mapping
+        for each in _members(get_args(member)[1]) if mapped else (member,):
+            if isinstance(each, type) and (fields := list(_fields(each))):
+                shown_values = [*map(shown, given), *("…" for _ in fields)]
+                pairs = [f"{name} = {text}" for name, text in zip(fields, shown_values, strict=False)]
+                table = ", ".join(pairs[: max(2, len(given))])
+                return f"{dotted((*location, 'NAME'))} = {{{table}}}" if mapped else f"{{{table}}}"
+    return ""
 
 
 def _annotations(root: object, location: Location) -> Iterator[object]:
@@ -283,6 +368,14 @@ def _tag(section: object) -> str | None:
     field = section.model_fields.get("kind")
     choices = get_args(field.annotation) if field is not None else ()
     return str(choices[0]) if choices else None
+
+
+def _tags(types: Iterable[object]) -> list[str]:
+    return [tag for member in types if (tag := _tag(member))]
+
+
+def _choices(types: Iterable[object]) -> list[str]:
+    return [str(choice) for member in types if get_origin(member) is Literal for choice in get_args(member)]
 
 
 def _keys(types: Iterable[object]) -> set[str]:

@@ -10,6 +10,7 @@ from drivers.base import Quality
 from drivers.faults import Fault
 from drivers.readings import total
 from drivers.section import Section, wrong
+from drivers.text import Text
 
 UNITS = (
     *("degC", "degF", "K"),
@@ -24,7 +25,7 @@ UNITS = (
 
 def _known(unit: str) -> str:
     if unit not in UNITS:
-        raise ValueError(f"{unit!r} is unknown: expected one of {', '.join(UNITS)}")
+        raise ValueError(Text("unit_unknown", unit=unit, units=UNITS))
     return unit
 
 
@@ -93,16 +94,16 @@ class LinearValue(Section):
     @model_validator(mode="after")
     def _sensible(self) -> Self:
         if self.scale == 0:
-            raise wrong("0 would make every value the same", "scale")
+            raise wrong(Text("zero_scale"), "scale")
         if self.low is not None and self.high is not None and self.low >= self.high:
-            raise wrong(f"{self.low:g} is not below high = {self.high:g}", "low")
+            raise wrong(Text("not_below_high", low=self.low, high=self.high), "low")
         return self
 
     def value(self, number: float) -> float | Fault:
         """The value, or a fault if it is beyond the limits."""
         value = total(number * self.scale, self.offset)
         if (self.low is not None and value < self.low) or (self.high is not None and value > self.high):
-            return Fault(Quality.OUT_OF_RANGE, f"{value:g} is beyond the profile's limits")
+            return Fault(Quality.OUT_OF_RANGE, Text("beyond_profile", value=value))
         return value
 
 

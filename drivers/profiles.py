@@ -1,17 +1,23 @@
 """Loads device profiles, from `drivers/profiles/*.toml` or from a user's own file of the same form."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from importlib.resources import files
 from pathlib import Path
 
 from drivers.base import SetupError
+from drivers.bounded_file import bytes_of
 from drivers.error_words import in_words
 from drivers.families import DEVICES
-from drivers.problems import read_settings, shown, suggestion, toml_data
+from drivers.problems import read_settings, suggestion
 from drivers.profile import DeviceProfile
 from drivers.section import OTHER_ENCODING
+from drivers.text import Text, shown, text_of
+from drivers.toml_text import nearest, toml_data, toml_lines
 
+_MOST_OTHER_BYTES = 2**23
+"""Of the file that a profile refers to."""
 _SUPPLIED = files("drivers") / "profiles"
 
 
@@ -29,8 +35,8 @@ def load_profile(name: str) -> DeviceProfile:
         return _parse(Path(name).stem, _decoded(name, _bytes(name)), file=name)
     if name not in profile_names():
         raise SetupError(
-            f"profile {name!r} is unknown",
-            hint=f"available: {', '.join(profile_names())}; or give a path to a .toml file",
+            Text("profile_unknown", profile=name),
+            hint=Text("profiles_known", names=profile_names()),
         )
     return _parse(name, (_SUPPLIED / f"{name}.toml").read_text(encoding="utf-8"), file=f"{name}.toml")
 
@@ -61,10 +67,12 @@ def user_profile(name: str) -> UserProfile:
     if profile.other_file is not None:
         key, path = profile.other_file
         try:
-            parts.append(content := path.read_bytes())
+            parts.append(content := bytes_of(path, _MOST_OTHER_BYTES))
             other = key, _one_line_end(content.decode(OTHER_ENCODING, "replace"))
         except OSError as error:
-            raise SetupError(f"profile {name}: {path} cannot be read: {in_words(error)}") from error
+            raise SetupError(
+                Text("in_file", file=name, what=Text("path_unreadable", path=str(path), why=in_words(error)))
+            ) from error
     return UserProfile(profile, text, other, sha256(b"".join(sha256(part).digest() for part in parts)).hexdigest())
 
 
@@ -75,10 +83,10 @@ def _one_line_end(text: str) -> str:
 
 def _bytes(name: str) -> bytes:
     try:
-        return Path(name).read_bytes()
+        return bytes_of(Path(name))
     except OSError as error:
         raise SetupError(
-            f"profile {name}: cannot be read: {in_words(error)}", hint="give the path of a TOML file"
+            Text("profile_unreadable", profile=name, why=in_words(error)), hint=Text("profile_give_toml")
         ) from error
 
 
@@ -86,18 +94,31 @@ def _decoded(name: str, content: bytes) -> str:
     try:
         return _one_line_end(content.decode("utf-8-sig"))  # editors of Windows begin a file with a mark
     except UnicodeDecodeError as error:
-        raise SetupError(f"profile {name}: cannot be read: {error}", hint="give the path of a TOML file") from error
+        raise SetupError(
+            Text("profile_unreadable", profile=name, why=str(error)), hint=Text("profile_give_toml")
+        ) from error
 
 
 def _parse(name: str, text: str, *, file: str) -> DeviceProfile:
     try:
         data = toml_data(text)
     except ValueError as error:
-        raise SetupError(f"{file}: invalid TOML: {error}") from error
+        raise SetupError(Text("profile_not_toml", file=file, error=text_of(error))) from error
+
+    def line_of(location: Sequence[str | int]) -> int:
+        """That of the table, if the field is missing."""
+        lines = toml_lines(text)
+        return lines.get(nearest(tuple(location), lines), 0)
+
     protocol = data.get("protocol", "")
     if not isinstance(protocol, str) or protocol not in DEVICES:
         possible = suggestion(str(protocol), DEVICES)
-        found = f"{shown(protocol)} is invalid" if protocol else "missing"
-        raise SetupError(f"{file}: protocol: {found}; {possible}")
+        what = (
+            Text("invalid", value=shown(protocol), advice=possible)
+            if protocol
+            else Text("missing_one", advice=possible)
+        )
+        at = f"{file}:{line}" if (line := line_of(("protocol",))) else file
+        raise SetupError(Text("in_file", file=at, what=Text("at_field", field="protocol", what=what)))
     kind: type[DeviceProfile] = DEVICES[protocol].profile
-    return read_settings(kind, data, {"name": name, "folder": Path(file).parent}, file=file)
+    return read_settings(kind, data, {"name": name, "folder": Path(file).parent}, file=file, line_of=line_of)

@@ -8,6 +8,7 @@ from sys import float_info
 
 from drivers.base import Clock, Quality, Reading
 from drivers.faults import Fault
+from drivers.text import Text
 
 _ROUNDING = 4 * float_info.epsilon
 _OLDEST_S = 86_400.0
@@ -41,7 +42,7 @@ class ReadingMaker:
             age_s = 0.0 if ages_s is None else min(ages_s[channel], _OLDEST_S)
             measured, measured_s = utc - timedelta(seconds=age_s), monotonic_s - age_s
             if not isinstance(value, Fault) and not isfinite(value):
-                value = Fault(Quality.SENSOR_FAULT, f"the reading gives {value}, which is not a finite number")
+                value = Fault(Quality.SENSOR_FAULT, Text("not_finite", value=value))
             number, quality, detail = (
                 (nan, value.quality, value.detail) if isinstance(value, Fault) else (value, Quality.GOOD, "")
             )

@@ -8,7 +8,9 @@ from pathlib import Path
 from typing import Annotated, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInfo
-from pydantic_core import PydanticCustomError
+
+from drivers.base import SetupError
+from drivers.text import Text, shown
 
 _URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*://")
 _REMOTE = re.compile(r"(?:rfc2217|socket)://(?:\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9._-]+):(?P<port>\d{1,5})/?")
@@ -17,8 +19,6 @@ OTHER_ENCODING = "cp1252"
 """The other encoding of a file that a profile refers to (DBC, EDS)."""
 LARGEST = 1e9
 """Limit of a number that states none: 30 years in seconds."""
-WRONG = "wrong"
-"""Type of the errors that `wrong` makes."""
 
 
 class Section(BaseModel):
@@ -51,15 +51,15 @@ def _plain(value: object) -> object:
     return dict(value) if isinstance(value, Mapping) else str(value)
 
 
-def wrong(what: str, *at: str | int) -> PydanticCustomError:
+def wrong(what: Text, *at: str | int) -> SetupError:
     """For validators: the error of the wrong field at `at`, below the validator's own field."""
-    return PydanticCustomError(WRONG, "{what}", {"what": what, "at": at})
+    return SetupError(what, field=at)
 
 
 def both_or_neither(first: str, given: object, second: str, other: object) -> None:
     """Raises ValueError if one of these two fields is given, and the other is None."""
     if (given is None) != (other is None):
-        raise ValueError(f"{first} and {second} go together: give both or neither")
+        raise ValueError(Text("both_or_neither", first=first, second=second))
 
 
 def user_and_password(user: str | None, password_file: Path | None) -> None:
@@ -70,9 +70,9 @@ def user_and_password(user: str | None, password_file: Path | None) -> None:
 def beside_the_file(path: Path, info: ValidationInfo) -> Path:
     """A relative path starts at the file's folder (`folder` of the context), not at the working directory."""
     if "\0" in str(path):
-        raise ValueError(f"{str(path)!r}: no path contains a null character")
+        raise ValueError(Text("path_null", value=shown(str(path))))
     if not path.name:  # also an empty text, which would be the folder
-        raise ValueError(f"{str(path)!r}: expected the path of a file")
+        raise ValueError(Text("path_no_file", value=shown(str(path))))
     folder = info.context.get("folder") if isinstance(info.context, dict) else None
     return path if folder is None or path.is_absolute() else Path(folder) / path
 
@@ -80,7 +80,7 @@ def beside_the_file(path: Path, info: ValidationInfo) -> Path:
 def _believable(value: float) -> float:
     """A thread that shall wait for longer than some 1e10 s fails instead."""
     if value > LARGEST:
-        raise ValueError(f"{value:g}: expected at most {LARGEST:g}")
+        raise ValueError(Text("expected", value=f"{value:g}", wanted=Text("at_most", limit=LARGEST)))
     return value
 
 
@@ -90,7 +90,7 @@ def in_form(pattern: str, expected: str) -> Callable[[str], str]:
 
     def check(text: str) -> str:
         if not compiled.fullmatch(text):
-            raise ValueError(f"{text!r}: expected {expected}")
+            raise ValueError(Text("expected", value=shown(text), wanted=Text(expected)))
         return text
 
     return check
@@ -104,7 +104,7 @@ def matching(pattern: str, expected: str) -> AfterValidator:
 def name_beside_the_file(name: str, info: ValidationInfo) -> str:
     """The same for the name of a port of this computer, which stays a text. A URL is refused."""
     if (url := _URL.match(name)) is not None:
-        raise ValueError(f"{name!r}: expected the path of a serial port, as {url[0]} cannot be opened for this bus")
+        raise ValueError(Text("port_no_url", value=shown(name), scheme=url[0]))
     return str(beside_the_file(Path(name), info))
 
 
@@ -114,27 +114,25 @@ def _serial_port(name: str, info: ValidationInfo) -> str:
         return name_beside_the_file(name, info)
     found = _REMOTE.fullmatch(name)
     if found is None or not 1 <= int(found["port"]) <= 0xFFFF:
-        raise ValueError(
-            f"{name!r}: expected the path of a serial port, or that of a device server: rfc2217://HOST:PORT, which "
-            "sets its speed and parity, or socket://HOST:PORT for raw TCP"
-        )
+        raise ValueError(Text("port_form", value=shown(name)))
     return name
+
+
+_FOUR_NUMBERS = re.compile(r"\d+(?:\.\d+){3}")
 
 
 def host_name(text: str) -> str:
     """A name or an address: neither a URL nor with a port. Raises ValueError."""
     try:
         text.encode("idna")  # as whatever looks it up: no part of it is empty or longer than 63 characters
-        named = _NAME.fullmatch(text) is not None and bool(text.strip("."))
+        named = _NAME.fullmatch(text) is not None and bool(text.strip(".")) and not _FOUR_NUMBERS.fullmatch(text)
     except UnicodeError:
         named = False
     if not named:
         try:
             ip_address(text)
         except ValueError:
-            raise ValueError(
-                f"{text!r}: expected the name or address of a host, without protocol; the port is a separate field"
-            ) from None
+            raise ValueError(Text("host_form", value=shown(text))) from None
     return text
 
 

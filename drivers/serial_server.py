@@ -17,6 +17,7 @@ from drivers.byte_stream import CLOSED, ByteStream, Inbox, SerialStream, TcpStre
 from drivers.error_words import in_words
 from drivers.section import without_brackets
 from drivers.tap import Tap
+from drivers.text import Text
 
 SERVER_PAUSE_S = 0.1
 """A device server sends on what it receives in pieces."""
@@ -89,10 +90,9 @@ class Rfc2217Stream:
             raise
         except (OSError, ValueError) as error:
             raise ConnectError(
-                f"cannot open serial port {self._settings.port}: {in_words(error)}",
+                Text("port_not_open", port=self._settings.port, why=in_words(error)),
                 bus=self._bus,
-                hint="check host and port, and that the server speaks RFC 2217 there (Telnet with COM port control); "
-                "for raw TCP write socket:// instead",
+                hint=Text("check_port_server"),
             ) from error
         self._inbox.opened()
         self._reader = threading.Thread(
@@ -122,7 +122,7 @@ class Rfc2217Stream:
         try:
             self._port.write(data)  # a request fits into the socket's buffer, so that this does not wait
         except OSError as error:
-            self._inbox.lose(f"serial port {self._settings.port} is gone: {in_words(error)}")
+            self._inbox.lose(Text("port_gone", port=self._settings.port, why=in_words(error)))
             self._inbox.check()
 
     async def read(self, timeout_s: float) -> bytes:
@@ -147,7 +147,7 @@ class Rfc2217Stream:
 
     def _lost(self, port: _DeviceServerPort, reason: str) -> None:
         if self._port is port:
-            self._inbox.lose(f"serial port {self._settings.port} is gone: {reason}")
+            self._inbox.lose(Text("port_gone", port=self._settings.port, why=reason))
 
 
 def _close_unwanted(opening: "asyncio.Future[_DeviceServerPort]") -> None:

@@ -7,6 +7,7 @@ from pydantic import field_validator, model_validator
 
 from drivers.bus_settings import is_loopback
 from drivers.section import FilePath, Section, host_name, without_brackets, wrong
+from drivers.text import Text, shown
 
 _URL = re.compile(r"(?P<scheme>[A-Za-z]+)://(?P<host>\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9._-]+)(?::(?P<port>\d{1,5}))?/?")
 
@@ -35,9 +36,9 @@ class UrlServer(Section):
         url = f"{scheme.lower() if mark else scheme}{mark}{rest}"
         found, (safe, plain) = _URL.fullmatch(url), cls.schemes
         if found is None or found["scheme"] not in cls.schemes:
-            raise ValueError(f"{url!r}: expected {safe}://HOST:PORT, or {plain}://HOST:PORT for a server without TLS")
+            raise ValueError(Text("server_url_form", value=shown(url), safe=safe, plain=plain))
         if found["port"] is not None and not 1 <= int(found["port"]) <= 0xFFFF:
-            raise ValueError(f"{url!r}: expected a port of 1 to 65535")
+            raise ValueError(Text("a_port", value=shown(url)))
         host_name(without_brackets(found["host"]))
         return url
 
@@ -45,12 +46,11 @@ class UrlServer(Section):
     def _encrypted_or_near(self) -> Self:
         if not (self.encrypted or self.allow_unencrypted or is_loopback(self.host)):
             raise wrong(
-                f"{self.url!r} can be read and changed by everyone in that network: expected {self.schemes[0]}://, or "
-                "a loopback address, or allow_unencrypted = true",
+                Text("server_unencrypted", value=shown(self.url), scheme=self.schemes[0]),
                 "url",
             )
         if self.authority is not None and not self.encrypted:
-            raise wrong(f"has no effect without TLS: write {self.schemes[0]}:// in url", "authority")
+            raise wrong(Text("authority_without_tls", scheme=self.schemes[0]), "authority")
         return self
 
     @property

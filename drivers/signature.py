@@ -3,15 +3,18 @@
 import hmac
 from pathlib import Path
 
+from drivers.bounded_file import bytes_of
+from drivers.text import Text
+
 SHORTEST_KEY = 32
 """Characters."""
 
 
 def shared_key(path: Path) -> bytes:
     """The key in a file. Raises OSError, or ValueError when it is too short to be a key."""
-    key = path.read_bytes().strip()
+    key = bytes_of(path).strip()
     if len(key) < SHORTEST_KEY:
-        raise ValueError(f"holds {len(key)} characters: expected at least {SHORTEST_KEY}")
+        raise ValueError(Text("key_short", count=len(key), least=SHORTEST_KEY))
     return key
 
 

@@ -29,9 +29,7 @@ RunParameters = Mapping[str, Any]
 """JSON-able; contains everything that a run depends on, including its seed."""
 Only = Mapping[str, Sequence[str]]
 """For each parameter, its values in the wanted runs, as text."""
-_PHYSICS = ("plant", "cases", "three_body")
-"""Packages of the simulators that studies use."""
-_CODE = {".py", ".json", ".toml", ".cpp", ".hpp"}
+_DATA = {".json", ".toml"}
 _LEARNER = ("learner", "kernel/learner.hpp")
 """The part of talc that only the learner uses."""
 
@@ -44,7 +42,7 @@ class Run:
     result: Mapping[str, Any]
     """JSON-able; None stands for a missing figure."""
     seconds: float | None = None
-    """How long it took in its process, if that was kept."""
+    """Processor time that it took, if that was kept."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,8 +59,6 @@ class Study:
     report: Callable[[list[Run]], Report]
     then: Callable[[list[Run]], list[RunParameters]] | None = None
     """Runs that depend on the results of the first ones, such as the chosen parameters with other seeds."""
-    goal_min: float | None = None
-    """How long all of it may take on two cores."""
     learns: Callable[[RunParameters], bool] | None = None
     """Whether a run uses the learner; None: any may. The others are not done again when only the learner changed."""
 
@@ -71,20 +67,53 @@ class Study:
 def code_fingerprint(module: str, learner: bool = True) -> str:
     """SHA-256, hexadecimal, over the code that determines a study's results; not over how they are shown.
 
-    That is talc with its kernel, the simulated physics, the module itself and the control's loop; without `learner`
-    all of this except what only the learner uses. Comments, docstrings and empty lines of Python files do not count. In
-    other files, such as the kernel's sources, every byte counts.
+    That is the module itself, the control's loop, and what they import of talc, with its kernel, and of the simulated
+    physics, with its data; without `learner` all of this except what only the learner uses. Comments, docstrings and
+    empty lines of Python files do not count. In other files, such as the kernel's sources, every byte counts.
     """
-    digest = hashlib.sha256()
     science, physics = Path(str(talc.__file__)).parent, Path(str(simulators.__file__)).parent
-    roots = [science, *(physics / name for name in _PHYSICS)]
-    sources = [Path(__file__).with_name("loop.py"), Path(str(sys.modules[module].__file__))]
-    for root in roots:
-        sources += sorted(p for p in root.rglob("*") if p.suffix in _CODE)
-    for source in sources:
+    beginnings = {Path(str(sys.modules[module].__file__))}
+    beginnings |= {Path(__file__).with_name(name) for name in ("loop.py", "lockstep.py")}
+    sources, new = set(beginnings), beginnings
+    while new := {found for source in new for found in _imported(source, science, physics)} - sources:
+        sources |= new
+    for folder in {source.parent for source in sources if source.is_relative_to(physics)} - {physics}:
+        sources |= {found for found in folder.rglob("*") if found.suffix in _DATA}
+    sources |= {*science.glob("kernel/*.cpp"), *science.glob("kernel/*.hpp")}
+    digest = hashlib.sha256()
+    for source in sorted(sources, key=lambda path: (path.name, path)):
         if learner or not any(source.is_relative_to(science / part) for part in _LEARNER):
             digest.update(_without_prose(source.read_bytes()) if source.suffix == ".py" else source.read_bytes())
     return digest.hexdigest()
+
+
+def _imported(source: Path, science: Path, physics: Path) -> Iterator[Path]:
+    """Modules of talc and of the simulators that a module imports, packages on the way included. What talc offers by
+    itself it imports only when it is asked for."""
+    if source == science / "__init__.py":
+        return
+    tree = ast.parse(source.read_bytes())
+    for_types = {id(node) for block in ast.walk(tree) if _is_for_types(block) for node in ast.walk(block)}
+    for node in ast.walk(tree):
+        names: list[str] = []
+        if id(node) in for_types:
+            continue
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module is not None:
+            names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+        for name in names:
+            root, *parts = name.split(".")
+            folder = {"talc": science, "simulators": physics}.get(root)
+            if folder is None:
+                continue
+            for part in ("", *parts):
+                folder /= part
+                yield from (path for path in (folder / "__init__.py", folder.with_suffix(".py")) if path.is_file())
+
+
+def _is_for_types(node: ast.AST) -> bool:
+    return isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
 
 
 @cache
@@ -128,9 +157,7 @@ def carry_out(
         runs += yield from _do(study, kept, study.then(runs), workers, len(runs))
     again = f"python -m studies {study.name} --seed {seed}" + (" --small" if small else "")
     again += "".join(f" --only {name}={','.join(values)}" for name, values in only.items())
-    write_report(
-        folder, study.summary, study.report(runs), _origin(study, runs, again, workers, whole=not (small or only))
-    )
+    write_report(folder, study.summary, study.report(runs), _origin(study, runs, again, workers))
 
 
 def chosen(runs: list[RunParameters], only: Only) -> list[RunParameters]:
@@ -177,9 +204,9 @@ def _do(
 
 
 def _timed(run: Callable[[RunParameters], Mapping[str, Any]], parameters: RunParameters) -> Run:
-    begin = time.perf_counter()
+    begin = time.process_time()
     result = run(parameters)
-    return Run(parameters, result, round(time.perf_counter() - begin, 2))
+    return Run(parameters, result, round(time.process_time() - begin, 2))
 
 
 def _end_with_parent() -> None:
@@ -208,23 +235,23 @@ def _keep(file: Path, content: Mapping[str, Any]) -> None:
     part.replace(file)
 
 
-def _origin(study: Study, runs: list[Run], again: str, workers: int, *, whole: bool) -> Origin:
+def _origin(study: Study, runs: list[Run], again: str, workers: int) -> Origin:
     packages = ", ".join(f"{p} {version(p)}" for p in ("talc-gateway", "numpy", "scipy", "osqp"))
     return Origin(
         runs=len(runs),
         seed=runs[0].parameters["seed"],
         versions=packages,
         code=code_fingerprint(study.run.__module__)[:8],
-        took=_took(study, runs, workers, whole=whole),
+        took=_took(runs, workers),
         again=again,
         date=f"{datetime.now(UTC):%Y-%m-%d}",
     )
 
 
-def _took(study: Study, runs: list[Run], workers: int, *, whole: bool) -> str:
-    """The total time of all runs divided among the workers, even over several sessions; with the goal, if any."""
-    goal = "" if study.goal_min is None or not whole else f" (goal: {study.goal_min:g} min on 2)"
+def _took(runs: list[Run], workers: int) -> str:
+    """The processor time of all runs divided among the workers, even over several sessions. An idle computer takes as
+    long; beside other programs it is longer."""
     known = [run.seconds for run in runs if run.seconds is not None]
     if len(known) < len(runs):
-        return f"time not kept{goal}"
-    return f"{sum(known) / workers / 60:.1f} min on {workers} {'core' if workers == 1 else 'cores'}{goal}"
+        return "time not kept"
+    return f"{sum(known) / workers / 60:.1f} min on {workers} {'core' if workers == 1 else 'cores'}"

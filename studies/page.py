@@ -104,7 +104,7 @@ class Report:
     asked: str
     """What was asked, and how it was done; paragraphs divided by an empty line."""
     summary: Table
-    """The figures that also appear in docs/results.md."""
+    """The figures that also appear in docs/figures.md."""
     claims: tuple[Claim, ...]
     sections: tuple[PageSection, ...]
     figures: Sequence[Sequence[object]] = field(default_factory=list)
@@ -155,6 +155,6 @@ def page_html(title: str, report: Report, origin: Origin) -> str:
 
 
 def summary_markdown(report: Report, origin: Origin) -> str:
-    """The block of docs/results.md."""
+    """The block of docs/figures.md."""
     made = f"`{origin.again}`, {origin.runs} runs, {origin.took}, code {origin.code}, {origin.date}"
     return f"{report.summary.markdown()}\n{fill(made, _PROSE_WIDTH, break_long_words=False, break_on_hyphens=False)}\n"

@@ -367,6 +367,5 @@ STUDY = Study(
     run,
     report,
     then,
-    goal_min=15.0,
     learns=learns,
 )

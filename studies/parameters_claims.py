@@ -74,7 +74,7 @@ def _paper(cases: list[str], fixed: ByCase) -> tuple[Claim, ...]:
         ),
         Claim(
             "(ours) More frequent measurements give a smaller RMSE",
-            "no sentence of it is at hand",
+            "not a claim of the paper",
             f"mean RMSE {soon:.2f} µm at the shortest, {late:.2f} µm at the longest",
             soon < late,
             "A measurement removes the slow disturbance that no input explains; it grows until the next one.",

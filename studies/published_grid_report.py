@@ -1,4 +1,4 @@
-"""Report of the study published-grid: B19's Tables 2 and 3 by its rule, and what each parameter changes."""
+"""Report of the study published-grid: B19's Tables 2 and 3 by its rule, what each parameter changes, and the days."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -7,7 +7,6 @@ import numpy as np
 
 from studies.frame import Run
 from studies.page import Claim, PageSection, Report, Table, TableRow, rounded_text
-from studies.parameters_pictures import over
 from studies.parameters_points import BEST, TARGET_UM
 from studies.printed import (
     B19_COLUMNS_2,
@@ -19,6 +18,8 @@ from studies.printed import (
     cell_table,
     counted,
 )
+from studies.published_grid_pictures import AXES, effects, over_time, trade
+from talc.indicators import productivity
 
 _ASKED = """How long should a machine calibrate, how often be measured afterwards, and how often in a no-good phase?
 B19's own grid: 7 calibrations (6.5 to 60 h, measured each 5 min), then 13 intervals (1 to 12 and 24 h), 6 intervals (5
@@ -28,54 +29,66 @@ in D cutting fluid is switched, and its temperature takes the place of the worki
 
 As in the paper there are seven errors and three temperatures, and ARX models by weighted least squares whose orders are
 found at each update. Our choice, where the paper names none: which seven and which three; orders up to 1; load cases of
-168 h and their speeds; indicators are means over the linear errors, after the calibration, and Pd is over the whole
-series with a cycle of 95 s. Pd counts the calibration too.
+192 h and their speeds; the indicators of the linear errors are computed for each and then averaged, after the
+calibration, and Pd is over the whole series with a cycle of 95 s. Pd counts the calibration too.
 
-The best set of a load case has the most Pd of those whose P99 is below 5 µm (the paper's rule)."""
+The best set of a load case has the most Pd of those whose P99 is below 5 µm (the paper's rule). The parameter update
+interval, 8 to 96 h and 192 h, is varied with the common set: models are then also renewed at these times."""
 _NAMES = ("SMAPE", "RMSE", "PV", "P99", "Pd")
-_AXES = {
-    "calibration_h": "calibration, h",
-    "interval_h": "interval, h",
-    "ng_interval_min": "NG interval, min",
-    "ng_count": "NG measurements",
-}
+_FEW = 1.1
+"""A factor of at most this is no change."""
+_FACTORS = 1.5
+"""Largest factor by which a common set's P99 may differ from the paper's and still be called near."""
 Point = Mapping[str, Any]
+Points = Mapping[str, list[Point]]
+_SIZES = "our errors are larger, and further from zero"
+_ALONE = "models that are fitted to lone, noisy measurements get worse; see the claims"
+_UNSEEN = "without probing noise too: three temperatures of orders up to 1 do not follow these loads"
 WHY = {
-    "Table 2": "another machine, and load cases of our choice",
-    "Table 3": "another machine, and load cases of our choice",
+    "Table 2": "few, late measurements win here: they leave the calibration's models as they are",
+    "Table 3": _ALONE,
+    "Table 3, C": _UNSEEN,
+    "Table 3, D": _UNSEEN,
+    **{f"Table 3, {case}, {name}": _SIZES for case in "ABCD" for name in ("SMAPE", "PV")},
 }
 
 
 def report(runs: list[Run]) -> Report:
     """Everything by load case."""
     points: dict[str, list[Point]] = {}
+    updated: dict[str, list[Point]] = {}
     for run in runs:
+        case = str(run.parameters["case"])
+        if "updates" in run.result:
+            updated[case] = run.result["updates"]
+            continue
         length = {"calibration_h": run.parameters["calibration_h"]}
-        points.setdefault(str(run.parameters["case"]), []).extend({**length, **p} for p in run.result["points"])
+        points.setdefault(case, []).extend({**length, **p} for p in run.result["points"])
     count = sum(map(len, points.values()))
     beside = cell_table("B19", _ours(points, count), WHY, "its settings have not been run")
     summary = _summary(runs, points)
-    few = "" if _whole(points) else " Most settings have not been run: the best of these few would say nothing."
+    whole = _whole(points)
+    few = "" if whole else " Most settings have not been run: the best of these few would say nothing."
+    common = {case: p for case, own in points.items() if (p := common_point(own)) is not None}
+    changes = (
+        "The paper's Figs. 5 to 7 show such effects.",
+        effects(_finite(points)),
+        trade(_measured(points), common),
+    )
     sections = (
+        PageSection("What each parameter changes", (*changes, *((_effects(points),) if whole else ()))),
+        PageSection(
+            "Does the prediction get better over time? (the paper's Figs. 8 and 9)",
+            (*((over_time(updated),) if updated else ()), _updates_table(updated)),
+        ),
         PageSection("Best sets (the paper's Table 2)", (f"{count:,} of 8,764 runs.{few}", _best_table(points))),
         PageSection("The paper's common set (its Table 3)", (summary,)),
-        PageSection(
-            "What each parameter changes",
-            (
-                *((_effects(points),) if _whole(points) else ()),
-                *(
-                    over(_finite(points), axis, name, f"{name}, {unit}", below)
-                    for axis, below in list(_AXES.items())[:2]
-                    for name, unit in (("RMSE", "µm"), ("P99", "µm"))
-                ),
-            ),
-        ),
         PageSection("The paper, cell by cell", (f"{counted(beside)}. {CRITERION}", beside)),
     )
-    return Report(_ASKED, summary, _claims(points), sections, _figures(runs))
+    return Report(_ASKED, summary, _claims(runs, points, updated), sections, _figures(runs))
 
 
-def _whole(points: Mapping[str, list[Point]]) -> bool:
+def _whole(points: Points) -> bool:
     """Whether every setting was run on every load case."""
     return len(points) == len(B19_TABLE_3) and all(len(own) == B19_TEXT["settings"] for own in points.values())
 
@@ -88,13 +101,15 @@ def best_of(points: Sequence[Point]) -> Point | None:
 
 def common_point(points: list[Point]) -> Point | None:
     """The paper's common set: 6.5 h, then 2 h, no good 12 × 10 min."""
-    wanted = dict(zip(_AXES, (BEST[0], BEST[1], 10, BEST[2]), strict=True))
+    wanted = dict(zip(AXES, (BEST[0], BEST[1], 10, BEST[2]), strict=True))
     return next((p for p in points if wanted.items() <= p.items()), None)
 
 
 def _ours(points: Mapping[str, list[Point]], count: int) -> dict[str, float]:
     whole = _whole(points)
-    found: dict[str, float] = {"text, runs": count, "text, settings": count / len(points)} if whole else {}
+    found: dict[str, float] = {"text, productivity while each 5 min is measured, %": productivity(1, 95.0, 300.0)}
+    if whole:
+        found |= {"text, runs": count, "text, settings": count / len(points)}
     for case, own in points.items():
         best, common = best_of(own) if whole else None, common_point(own)
         if best is not None:
@@ -113,12 +128,14 @@ def _number(value: Any) -> float:
     return float("nan") if value is None else float(value)
 
 
-def _finite(points: Mapping[str, list[Point]]) -> dict[str, list[Point]]:
-    """Settings that measure after the calibration, with all figures."""
-    return {
-        case: [p for p in own if p["interval_h"] and all(p[name] is not None for name in _NAMES)]
-        for case, own in points.items()
-    }
+def _measured(points: Points) -> dict[str, list[Point]]:
+    """Settings with all figures."""
+    return {case: [p for p in own if all(p[name] is not None for name in _NAMES)] for case, own in points.items()}
+
+
+def _finite(points: Points) -> dict[str, list[Point]]:
+    """Of these, the ones that measure after the calibration."""
+    return {case: [p for p in own if p["interval_h"]] for case, own in _measured(points).items()}
 
 
 def _best_table(points: Mapping[str, list[Point]]) -> Table:
@@ -141,7 +158,8 @@ def _summary(runs: list[Run], points: Mapping[str, list[Point]]) -> Table:
         found = {"ARX": common_point(own)}
         for run in runs:
             if run.parameters["case"] == case:
-                found |= {name: run.result[name] for name in ("hold", "none") if name in run.result}
+                titles = {"exact": "ARX, no probing noise", "hold": "hold", "none": "none"}
+                found |= {title: run.result[name] for name, title in titles.items() if name in run.result}
         rows += [
             TableRow((f"{case}: {name}", *(rounded_text(_number(p[n]), 4) for n in _NAMES)))
             for name, p in found.items()
@@ -152,11 +170,11 @@ def _summary(runs: list[Run], points: Mapping[str, list[Point]]) -> Table:
 
 
 def _spread(points: Mapping[str, list[Point]], axis: str, name: str) -> float:
-    """How far the mean of a figure changes along a parameter: largest over smallest, mean of the load cases."""
+    """How far the median of a figure changes along a parameter: largest over smallest, mean of the load cases."""
     ratios = []
     for own in points.values():
         at = sorted({p[axis] for p in own})
-        means = [np.mean([p[name] for p in own if p[axis] == x]) for x in at]
+        means = [np.median([p[name] for p in own if p[axis] == x]) for x in at]
         ratios.append(max(means) / min(means) if means and min(means) > 0 else float("nan"))
     return float(np.mean(ratios)) if ratios else float("nan")
 
@@ -165,44 +183,131 @@ def _effects(points: Mapping[str, list[Point]]) -> Table:
     finite = _finite(points)
     rows = [
         TableRow((title, *(f"{_spread(finite, axis, name):.2f}" for name in _NAMES[:4])))
-        for axis, title in _AXES.items()
+        for axis, title in AXES.items()
     ]
-    return Table(("largest mean over smallest, along", *_NAMES[:4]), tuple(rows))
+    return Table(("largest median over smallest, along", *_NAMES[:4]), tuple(rows))
 
 
-def _claims(points: Mapping[str, list[Point]]) -> tuple[Claim, ...]:
+def _updates_table(updated: Points) -> Table:
+    """The common set with each update interval; RMSE of the first and the last day."""
+    rows = []
+    for case, own in updated.items():
+        for p in own:
+            cells = (f"{p['RMSE']:.2f}", f"{p['P99']:.2f}", f"{p['Pd']:.2f}", str(p["updates"]))
+            ends = (f"{p['daily'][0]:.2f}", f"{p['daily'][-1]:.2f}")
+            rows.append(TableRow((f"{case}: each {p['update_h']:g} h", *cells, *ends)))
+    head = ("update interval", "RMSE, µm", "P99, µm", "Pd, %", "updates", "RMSE, first day", "RMSE, last day")
+    return Table(head, tuple(rows))
+
+
+def _claims(runs: list[Run], points: Points, updated: Points) -> tuple[Claim, ...]:
     finite = _finite(points)
-    length, interval = (_spread(finite, axis, "RMSE") for axis in ("calibration_h", "interval_h"))
-    common = [p for own in points.values() if (p := common_point(own)) is not None]
-    kept = sum(_number(p["P99"]) < TARGET_UM for p in common)
     lengths = {p["calibration_h"] for own in finite.values() for p in own}
-    decisive = (
-        Claim(
-            "The length of the calibration is not the decisive factor",
-            "it “is not the decisive factor” (section 3)",
-            f"mean RMSE changes by a factor of {length:.2f} along the calibration, {interval:.2f} along the interval",
-            length < interval,
-            "What a short calibration has not seen is learned in no-good phases.",
-        ),
-    )
     return (
-        *(decisive if len(lengths) > 1 else ()),
+        *((_decisive(finite),) if len(lengths) > 1 else ()),
+        *(_common_claims(runs, points)),
+        *((_best_claim(points),) if _whole(points) else ()),
+        *((_time_claim(updated),) if updated else ()),
+    )
+
+
+def _decisive(finite: Points) -> Claim:
+    changed = {axis: _spread(finite, axis, "P99") for axis in AXES}
+    length, others = changed["calibration_h"], {a: v for a, v in changed.items() if a != "calibration_h"}
+    return Claim(
+        "The length of the calibration is not the decisive factor",
+        "it “is not the decisive factor” (section 3)",
+        f"median P99 changes by a factor of {length:.2f} along the calibration; along the "
+        + ", ".join(f"{AXES[a].partition(',')[0]} {v:.2f}" for a, v in others.items()),
+        length < max(others.values()),
+        "A long calibration is the only time in which many rows are measured one after the other.",
+    )
+
+
+def _common_claims(runs: list[Run], points: Points) -> tuple[Claim, ...]:
+    common = {case: p for case, own in points.items() if (p := common_point(own)) is not None}
+    p99 = {case: _number(p["P99"]) for case, p in common.items()}
+    kept = sum(v < TARGET_UM for v in p99.values())
+    exact = {str(r.parameters["case"]): r.result["exact"] for r in runs if "exact" in r.result}
+    if not common or not exact:
+        return ()
+    quiet = {case: _number(p["P99"]) for case, p in exact.items()}
+    together = {case: _number(p["P99 together"]) for case, p in common.items()}
+    near = sum(v <= _FACTORS * B19_TABLE_3[case][3] for case, v in quiet.items())
+    pv = {case: _number(p["PV"]) for case, p in common.items()}
+    return (
         Claim(
             "6.5 h, then 2 h, no good 12 × 10 min keeps P99 near 5 µm",
             "4.46 to 5.29 µm, below 5 on three of four load cases (Table 3)",
-            f"below 5 µm on {kept} of {len(common)}",
-            kept >= min(3, len(common)) > 0,
-            "The machine's errors have another size, and three temperatures see another part of them.",
+            f"{_list(p99)} µm ({', '.join(p99)}): below 5 µm on {kept} of {len(p99)}",
+            kept >= min(3, len(p99)) > 0,
+            "Later measurements stand alone, each with its noise; models that are fitted to them get worse where the "
+            f"load changes slowly (A, B). Without probing noise P99 is {_list(quiet)} µm, within a factor of "
+            f"{_FACTORS:g} of the paper's on {near} of {len(quiet)}. P99 is the mean of the linear "
+            f"errors' own ones; of their mean magnitude it is {_list(together)} µm.",
+        ),
+        Claim(
+            "The largest residual is at most 71 % of the largest error",
+            "PV 54.79 to 70.58 % (Table 3, eq. 1)",
+            f"{_list(pv)} % ({', '.join(pv)})",
+            max(pv.values()) <= max(row[2] for row in B19_TABLE_3.values()),
+            "As a share of the largest error our models leave no more than the paper's. Our machine's errors are "
+            "larger: the paper's SMAPE is higher at a smaller RMSE.",
         ),
     )
+
+
+def _best_claim(points: Points) -> Claim:
+    best = {case: best_of(own) for case, own in points.items()}
+    found = {case: p for case, p in best.items() if p is not None}
+    short = sum(p["calibration_h"] == BEST[0] for p in found.values())
+    return Claim(
+        "The best sets calibrate briefly: 6.5 h on three of four load cases",
+        "6.5, 6.5, 6.5 and 16 h; then each 2 to 6 h (Table 2)",
+        "; ".join(
+            f"{case} {p['calibration_h']:g} h, then " + (f"{p['interval_h']:g} h" if p["interval_h"] else "never")
+            for case, p in found.items()
+        ),
+        short >= 3,
+        "Pd counts the calibration, so that a short one is always ahead; here one of them is good enough by chance, "
+        "and the fewest later measurements leave its models as they are.",
+    )
+
+
+def _time_claim(updated: Points) -> Claim:
+    last = [max(own, key=lambda p: p["update_h"])["daily"] for own in updated.values()]
+    first, late = (float(np.mean([np.mean(part(days)) for days in last])) for part in (_first_third, _last_third))
+    every = [min(own, key=lambda p: p["RMSE"])["update_h"] for own in updated.values()]
+    return Claim(
+        "The prediction gets better over time",
+        "yes (Figs. 8 and 9)",
+        f"mean RMSE of the common set {first:.2f} µm in the first third of the days, {late:.2f} in the last; by load "
+        "case "
+        + ", ".join(f"{np.mean(_first_third(d)):.2f} to {np.mean(_last_third(d)):.2f}" for d in last)
+        + f" ({', '.join(updated)}); least RMSE with an update each {', '.join(f'{h:g}' for h in every)} h",
+        late < first / _FEW,
+        "More rows, but most of them lone measurements with their noise.",
+    )
+
+
+def _first_third(days: Sequence[float]) -> Sequence[float]:
+    return days[: max(len(days) // 3, 1)]
+
+
+def _last_third(days: Sequence[float]) -> Sequence[float]:
+    return days[-max(len(days) // 3, 1) :]
+
+
+def _list(values: Mapping[str, float]) -> str:
+    return ", ".join(rounded_text(v) for v in values.values())
 
 
 def _figures(runs: list[Run]) -> list[list[object]]:
     names = (*_NAMES, "measurements", "updates")
-    rows: list[list[object]] = [["seed", "case", *_AXES, *names]]
+    rows: list[list[object]] = [["seed", "case", *AXES, *names]]
     for run in runs:
         p = run.parameters
-        for point in run.result["points"]:
-            at = [point[a] for a in list(_AXES)[1:]]
+        for point in run.result.get("points", []):
+            at = [point[a] for a in list(AXES)[1:]]
             rows.append([p["seed"], p["case"], p["calibration_h"], *at, *(point[n] for n in names)])
     return rows

@@ -61,7 +61,7 @@ class ControllerState:
         """What was learnt, without the rows and without a training that is in progress."""
         strategy = self.strategy
         if isinstance(strategy, PhasedState):
-            strategy = replace(strategy, learning=False)
+            strategy = replace(strategy, learning=False, estimates={})
         return replace(
             self, inputs=self.inputs[:0], valid=self.valid[:0], measured=self.measured[:0], strategy=strategy
         )
@@ -104,6 +104,11 @@ class Controller:
             self._strategy = PhasedModels(self._names, settings, self._record)
         else:
             self._strategy = LearningCourse(self._names, settings.learner, step_s, prior)
+
+    @property
+    def last_k(self) -> int | None:
+        """The last frame's; None: there was none."""
+        return self._record.last_k
 
     @property
     def learning(self) -> bool:

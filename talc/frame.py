@@ -87,6 +87,9 @@ class Frame:
     new_reference: bool = False
     """From this frame on errors count from its own state, in which they are zero: the sphere was moved, the part was
     clamped again, or another run of a recording begins."""
+    tolerance_um: float | None = None
+    """How far off may be what is machined next, as the part program states it, µm; 0: it states nothing; None: as
+    before."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,6 +122,8 @@ class TrainingJob:
     settings: TrainingSettings
     static_inputs: tuple[tuple[str, ...] | None, ...] | None = None
     """Inputs to keep, one tuple per thermal error, None where none were chosen yet; None: choose for all."""
+    estimated: FloatArray | None = None
+    """(T, 9) what the models of that time estimated in rows before a measurement; NaN: none did, or not needed."""
 
 
 @dataclass(frozen=True, slots=True)

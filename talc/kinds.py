@@ -25,6 +25,8 @@ class Why(StrEnum):
     RETRY = "retry"
     COMMAND = "command"
     """A person asked for it. The controller itself never does."""
+    REFERENCE = "reference"
+    """A person asked for a new reference, likewise."""
 
 
 class EventCode(StrEnum):
@@ -34,6 +36,8 @@ class EventCode(StrEnum):
     """phase, next: of Phase."""
     NEW_REFERENCE = "new_reference"
     """Errors count from the present state."""
+    TOLERANCE = "tolerance"
+    """tolerance, that was stated for what comes next, 0: none; limit, that follows it; unit."""
     LEARNT = "learnt"
     """The learner has learnt from a measurement."""
     STATE_CORRECTED = "state_corrected"
@@ -80,7 +84,7 @@ class EventCode(StrEnum):
     IMPOSSIBLE = "impossible"
     """error, value, unit: measured, and not used."""
     NO_MEASUREMENT = "no_measurement"
-    """error, value, unit, measurement_fault (of talc.learner.mixture.MeasurementFault): not learnt from."""
+    """error, value, unit, measurement_fault (of talc.learner.told.MeasurementFault): not learnt from."""
     TAKEN_BACK = "taken_back"
     """error, n: the latest measurements that were far off, and are forgotten, as the next one is as before them."""
     OUTLIER = "outlier"
@@ -95,6 +99,8 @@ class EventKind(StrEnum):
     NEW_REFERENCE = "new_reference"
     """Errors count from the state at this step. A stored decision with it tells that its frame had one."""
     LIMIT_EXCEEDED = "limit_exceeded"
+    TOLERANCE_STATED = "tolerance_stated"
+    """Another one than before, `value`; `limit` follows it. A stored decision with it tells what its frame stated."""
     TRAINING_WANTED = "training_wanted"
     MODELS_ADOPTED = "models_adopted"
     MODEL_REJECTED = "model_rejected"

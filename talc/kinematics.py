@@ -17,12 +17,15 @@ The A axis has sunk by 30 µm, and the table has grown by 10 µm at 150 mm; the 
 """
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
 from talc.frame import FloatArray
 from talc.probing import FARTHEST_M, MOST_RAD, deviation_matrix, refuse_millimetres, rotation_x
 
+CHAIN: Final = "w-C'-A'-X'-b-Y-Z-S-t"
+"""From the workpiece w over the bed b to the tool t; ' marks the axes that move the workpiece."""
 _MM = 1e-3
 
 

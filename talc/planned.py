@@ -40,11 +40,13 @@ class LoadResponse:
         valid: BoolArray,
         planned: Mapping[str, float],
         steps: int,
+        lasting: int | None = None,
     ) -> FloatArray | None:
         """(steps, n) by how much the inputs `names` will differ from the last row, if the planned loads have their
         values from now on and the other loads stay. None: a planned load has not been learnt, or not as large.
 
         recent: (T, n) the last consecutive rows, T >= 1; valid: (T, n)
+        lasting: after so many steps, at least 1, all loads are again as in the last row; None: they stay as planned
         """
         largest = dict(zip(self.scale.names, self.scale.largest.tolist(), strict=True))
         if any(abs(value) > _FARTHEST * largest.get(name, 0.0) for name, value in planned.items()):
@@ -56,9 +58,12 @@ class LoadResponse:
         then = np.array([planned.get(name, value) for name, value in zip(self.scale.names, now.tolist(), strict=True)])
         last = self.scale.last_features(loads, known)
         found = np.zeros((steps, len(names)))
-        followed = (self.scale.coming_features(last, then, steps) - last) @ self.weights
-        found[:, [names.index(name) for name in self.followers]] = followed
+        features = self.scale.coming_features(last, then, steps)
         found[:, own] = then - now
+        if lasting is not None and lasting < steps:
+            features[lasting:] = self.scale.coming_features(features[lasting - 1], now, steps - lasting)
+            found[lasting:, own] = 0.0
+        found[:, [names.index(name) for name in self.followers]] = (features - last) @ self.weights
         return found
 
 

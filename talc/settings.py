@@ -1,4 +1,4 @@
-"""Settings of TALC, with the papers' defaults. ValueError names an invalid field."""
+"""Settings of TALC, with the papers' defaults. SettingError names an invalid field."""
 
 from dataclasses import dataclass, field
 from typing import Literal
@@ -7,10 +7,18 @@ _LEAST_MEASUREMENTS = 12
 """In a calibration."""
 
 
+class SettingError(ValueError):
+    """A field has a value that it cannot have."""
+
+    def __init__(self, field_name: str, value: object, expected: str) -> None:
+        super().__init__(f"{field_name} = {value!r}: expected {expected}")
+        self.field, self.value, self.expected = field_name, value, expected
+
+
 def require(condition: bool, field_name: str, value: object, expected: str) -> None:
-    """Raise ValueError naming the field, its value and what was expected."""
+    """Raises SettingError unless the condition holds."""
     if not condition:
-        raise ValueError(f"{field_name} = {value!r}: expected {expected}")
+        raise SettingError(field_name, value, expected)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,6 +56,12 @@ class TrainingSettings:
     """Train on this many of the latest grid steps; None: on all data since the start."""
     max_pole: float = 0.999
     """A model with a pole of this magnitude or more never goes live."""
+
+    @property
+    def keeps_estimates(self) -> bool:
+        """Whether outputs that were not measured are those that the live models estimated: of ARX models that keep
+        their inputs, unless they are fitted as printed."""
+        return self.selector != "search" and self.static_inputs and self.estimator != "least_squares"
 
     def __post_init__(self) -> None:
         highest = 3 if self.selector == "search" else 5
@@ -91,6 +105,9 @@ class ControlSettings:
     """Measurements in the no-good phase, before the model update (Z22: 16)."""
     no_good_interval_steps: int = 1
     """Steps between them (B19: 10 min)."""
+    update_interval_steps: int | None = None
+    """Also learn in compensation, at every grid step that is a multiple of this (B19 varies 8 to 96 h and 192 h); None:
+    only after a residual beyond its limit."""
     acl: Literal["adaptive", "training", "fixed"] = "adaptive"
     """Action control limits, renewed with each model: its largest residual on rows that its fit has not seen, its
     largest on all rows of its training (Z22), or the fixed values below (B19)."""
@@ -120,6 +137,8 @@ class ControlSettings:
         require(self.uncertainty_share > 0, "uncertainty_share", self.uncertainty_share, "more than 0")
         require(self.no_good_measurements >= 1, "no_good_measurements", self.no_good_measurements, "1 or more")
         require(self.no_good_interval_steps >= 1, "no_good_interval_steps", self.no_good_interval_steps, "1 or more")
+        update = self.update_interval_steps
+        require(update is None or update >= 1, "update_interval_steps", update, "1 or more")
         require(self.acl_fixed_um > 0, "acl_fixed_um", self.acl_fixed_um, "more than 0")
         require(self.acl_fixed_um_per_m > 0, "acl_fixed_um_per_m", self.acl_fixed_um_per_m, "more than 0")
 
@@ -152,6 +171,12 @@ class LearnerSettings:
     """A measurement is wanted when the 95 % interval of a position error is wider than this to either side, µm."""
     limit_um_per_m: float = 15.0
     """The same for orientation errors, µm/m."""
+    least_limit_um: float | None = None
+    """With this and `most_limit_um` the limits follow the tolerance that the part program states for what it machines
+    next (docs/control.md): `limit_um` is that tolerance, but not less than this, µm, and `limit_um_per_m` changes in
+    proportion. Without, they stay as they are."""
+    most_limit_um: float | None = None
+    """Nor more than this, µm."""
     policy: Literal["uncertainty", "fixed"] = "uncertainty"
     """When to measure: by the limits above, within the two bounds below; or at a fixed interval."""
     shortest_interval_steps: int = 4
@@ -170,6 +195,14 @@ class LearnerSettings:
     def __post_init__(self) -> None:
         for name in ("limit_um", "limit_um_per_m", "noise_um", "noise_um_per_m"):
             require(getattr(self, name) > 0, name, getattr(self, name), "more than 0")
+        least, most = self.least_limit_um, self.most_limit_um
+        if (least is None) != (most is None):
+            missing = "least_limit_um" if least is None else "most_limit_um"
+            require(False, missing, None, "a number: limits follow a stated tolerance between both bounds")
+        if least is not None and most is not None:
+            expected = f"more than 0, at most limit_um = {self.limit_um:g}"
+            require(0 < least <= self.limit_um, "least_limit_um", least, expected)
+            require(most >= self.limit_um, "most_limit_um", most, f"limit_um = {self.limit_um:g} or more")
         require(
             1 <= self.shortest_interval_steps <= self.longest_interval_steps,
             "shortest_interval_steps",

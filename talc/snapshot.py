@@ -46,6 +46,9 @@ def to_plain(state: ControllerState) -> tuple[dict[str, Any], dict[str, NDArray[
         "static": phased.static,
     }
     arrays: dict[str, NDArray[Any]] = {"first": state.inputs[:1], "held": phased.held}
+    if phased.estimates:
+        arrays["estimated_k"] = np.array(list(phased.estimates), dtype=np.int64)
+        arrays["estimated"] = np.array(list(phased.estimates.values()))
     if isinstance(state.strategy, HeldState):
         plain["hold"] = True
     if course is not None:
@@ -60,6 +63,7 @@ def to_plain(state: ControllerState) -> tuple[dict[str, Any], dict[str, NDArray[
             "wanted": course.wanted,
             "measured_in_phase": course.measured_in_phase,
             "substituted": sorted(course.substituted),
+            "tolerance_um": course.tolerance_um,
         }
         plain["learner"] = {name: value for name, value in _values(learner) if isinstance(value, int | float)}
         plain["mixture"] = {name: value for name, value in _values(mixture) if isinstance(value, int | float)}
@@ -123,6 +127,9 @@ def _strategy(plain: Mapping[str, Any], arrays: Arrays) -> CourseState | PhasedS
         substituted=frozenset(plain["substituted"]),
         bounded=frozenset(plain["bounded"]),
         static=None if plain["static"] is None else tuple(None if s is None else tuple(s) for s in plain["static"]),
+        estimates={
+            int(k): row for k, row in zip(arrays.get("estimated_k", ()), arrays.get("estimated", ()), strict=True)
+        },
     )
 
 
@@ -158,6 +165,7 @@ def _course(plain: Mapping[str, Any], arrays: Arrays) -> CourseState:
         measured_in_phase=course["measured_in_phase"],
         trusted=arrays["trusted"],
         substituted=frozenset(course["substituted"]),
+        tolerance_um=course.get("tolerance_um", 0.0),  # an earlier program knew none
     )
 
 

@@ -64,6 +64,7 @@ def _course(old: CourseState, was: Sequence[str], fresh: CourseState, names: Seq
         last_measured=None,
         wanted=None,
         substituted=frozenset(),
+        tolerance_um=0.0,
     )
 
 

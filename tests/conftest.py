@@ -7,7 +7,7 @@ import os
 import threading
 import time
 from collections.abc import AsyncIterator, Generator, Iterator
-from itertools import islice
+from itertools import chain, groupby, islice
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -35,11 +35,13 @@ def pytest_asyncio_loop_factories() -> dict[str, type[IdleLoop]]:
     return {"idle": IdleLoop}
 
 
+@pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with the tests that wait for minutes, on half of the workers, beside those that need a processor.
+    """Begin with the tests that wait for minutes on half of the workers, with the files of slow ones on the others.
 
     pytest-xdist gives each worker the next part of the list, and moves tests at the end of a part to workers that have
-    none left.
+    none left: there are only short ones at the end, so that no worker ends with a long one while the others are idle.
+    Last of all hooks: what `-m` leaves out would move the borders between the parts.
     """
     workers, left = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1")), len(items)
     first: list[list[pytest.Item]] = [[] for _ in range(workers)]
@@ -49,13 +51,19 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             least = lasting.index(min(lasting))
             lasting[least] += waits_s
             first[least].append(item)
-    others = iter([item for item in items if not _waits_s(item)])
+    working = first[len(lasting) :] or first
+    others = {path: list(file) for path, file in groupby((i for i in items if not _waits_s(i)), lambda i: i.path)}
+    for marker in ("slow", "peer"):
+        long = [path for path, file in others.items() if any(item.get_closest_marker(marker) for item in file)]
+        for turn, path in enumerate(reversed(long)):  # the longest are the system's, which come last in the list
+            working[turn % len(working)] += others.pop(path)
+    short = chain.from_iterable(others.values())
     ordered: list[pytest.Item] = []
     for worker, begins in enumerate(first):
         part = left // (workers - worker)
-        ordered += [*begins, *islice(others, max(0, part - len(begins)))]
+        ordered += [*begins, *islice(short, max(0, part - len(begins)))]
         left -= part
-    items[:] = [*ordered, *others]
+    items[:] = [*ordered, *short]
 
 
 def _waits_s(item: pytest.Item) -> float:

@@ -4,6 +4,7 @@ import subprocess
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from shutil import which
+from sys import executable
 
 import pytest
 from cryptography import x509
@@ -47,6 +48,31 @@ def test_what_the_script_issues_fits_the_configurations_beside_it(tmp_path: Path
     assert [*telemetry_problems(telemetry), *credential_problems(telemetry, now)] == []
     (late,) = credential_problems(telemetry, now + timedelta(days=31))
     assert "mill.pem' has expired" in str(late)
+
+
+def rules(listed: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([executable, FOLDER / "router_rules.py", listed], capture_output=True, text=True)
+
+
+def test_the_router_s_rules_are_those_of_the_list_beside_them() -> None:
+    made = rules(FOLDER / "site.toml")
+    assert (made.returncode, made.stdout) == (0, (FOLDER / "router.json5").read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize(
+    ("listed", "said"),
+    [
+        ('machines = ["mill"]\nreaders = ["mill"]', "'mill' is already in machines"),
+        ('machines = ["mill/**"]', "expected a list of names"),
+        ('readers = ["anna"]', "machines: empty"),
+        ('machines = ["mill"]\noperator = ["anna"]', "operator: unknown"),
+    ],
+)
+def test_a_list_that_would_admit_others_than_meant_is_refused(tmp_path: Path, listed: str, said: str) -> None:
+    (tmp_path / "site.toml").write_text(listed, encoding="utf-8")
+    made = rules(tmp_path / "site.toml")
+    assert (made.returncode, made.stdout) == (2, "")
+    assert said in made.stderr
 
 
 @pytest.mark.peer

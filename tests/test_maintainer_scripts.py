@@ -197,7 +197,7 @@ def is_the_earlier(debian: SmallDebian, said: str, why: str) -> None:
 
 def test_a_program_that_works_is_taken_into_use_and_the_earlier_one_goes(debian: SmallDebian) -> None:
     debian.installed(debian.package("2"))
-    assert debian.calls() == ["restart 2"], "the service ran on until then"
+    assert debian.calls() == ["restart 2", "try-restart 2"], "the service ran on until then; then those beside it"
     assert (debian.text(f"{OWN}/version"), debian.text(UNIT)) == ("2", "unit of 2")
     assert (debian.text(CONFIG), debian.text(DATABASE)) == ("mine", "what was learnt")
     assert not (debian.root / "opt/talc-gateway.earlier").exists()
@@ -254,7 +254,8 @@ def test_a_gateway_that_was_not_well_before_need_not_be_well_after(debian: Small
 def test_a_service_that_does_not_run_is_not_started_by_an_upgrade(debian: SmallDebian) -> None:
     (debian.root / "state/active").unlink()
     debian.installed(debian.package("2"))
-    assert debian.calls() == []
+    assert debian.calls() == ["try-restart 2"], "of those beside it that run"
+    assert not debian.runs
     assert debian.text(f"{OWN}/version") == "2"
 
 

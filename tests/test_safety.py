@@ -228,10 +228,10 @@ BROKEN: dict[str, tuple[str, Break]] = {
     ),
     "without_a_disk_a_pause_counts_at_once_and_nothing_else_does": (
         "gateway.service.command_taker:CommandTaker.take",
-        never("_BY_CAUTION"),
+        never("BY_CAUTION"),
     ),
     "a_command_never_arms_what_is_not_armed_or_has_disarmed_itself": (
-        "gateway.service.command_taker:CommandTaker._measured",
+        "gateway.service.command_taker:CommandTaker._not_probed",
         always("may_probe"),
     ),
     "disarmed_the_offsets_ramp_to_zero_whatever_is_declared_until_it_is_armed": (
@@ -253,6 +253,10 @@ BROKEN: dict[str, tuple[str, Break]] = {
     # Trust
     "what_somebody_else_writes_disarms_instead_of_being_overwritten_by_a_step": (
         "gateway.nc.writer:OffsetWriter._is_mine",
+        gives("True"),
+    ),
+    "no_ramp_begins_from_a_spoilt_answer": (
+        "gateway.nc.writer:OffsetWriter._is_begun",
         gives("True"),
     ),
     "a_write_that_does_not_take_effect_disarms_and_says_so_once": (

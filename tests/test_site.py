@@ -58,31 +58,6 @@ def test_a_page_opened_as_a_file_finds_words_and_options(site: Path, browser: Br
             expect(count).to_have_text(re.compile(r"^\d+ matching"), timeout=LIMIT_MS)
 
 
-@pytest.fixture
-def paper(browser: Browser) -> Iterator[Page]:
-    """A page as wide as the area between the margins of A4."""
-    with browser.new_context(offline=True, viewport={"width": 680, "height": 1000}) as context:
-        page = context.new_page()
-        page.set_default_timeout(LIMIT_MS)
-        page.emulate_media(media="print")
-        yield page
-
-
-@pytest.mark.peer
-@pytest.mark.slow
-def test_no_table_is_cut_off_on_paper(site: Path, paper: Page) -> None:
-    wide = dict[str, int]()
-    for page in sorted((ROOT / "docs").glob("*.md")):
-        paper.goto((site / page.name).with_suffix(".html").as_uri())
-        cells = paper.locator(".md-content :is(td, th, img)")
-        over: int = cells.evaluate_all(
-            "all => all.filter((one) => one.getBoundingClientRect().right > innerWidth).length"
-        )
-        if over:
-            wide[page.name] = over
-    assert wide == {}
-
-
 @pytest.mark.slow
 def test_the_site_builds_strictly_and_needs_no_network(site: Path) -> None:
     pages = {page.relative_to(ROOT / "docs").with_suffix("") for page in (ROOT / "docs").glob("**/*.md")}

@@ -1,13 +1,17 @@
 """The unit file: what systemd itself says about it, and that it fits the program and the package."""
 
+import re
+import shlex
 import subprocess
 from configparser import ConfigParser
 from pathlib import Path
 from shutil import which
 
+import click
 import pytest
 
 from gateway.cli.exits import EXIT_CONFIG
+from gateway.cli.main import main
 
 UNIT = Path(__file__).parents[1] / "deploy" / "systemd" / "talc-gateway.service"
 
@@ -53,15 +57,31 @@ def test_serial_adapters_are_allowed_also_those_plugged_in_later() -> None:
 
 
 @pytest.mark.peer
-def test_systemd_finds_it_hardened_and_without_mistakes() -> None:
+@pytest.mark.parametrize("unit", sorted(UNIT.parent.glob("*.service")), ids=lambda unit: unit.stem)
+def test_systemd_finds_it_hardened_and_without_mistakes(unit: Path) -> None:
     """Read by systemd-analyze; nothing is started."""
     assert which("systemd-analyze"), "Debian's package systemd"
     done = subprocess.run(
-        ["systemd-analyze", "security", "--offline=true", "--threshold=20", "--no-pager", str(UNIT)],
+        ["systemd-analyze", "security", "--offline=true", "--threshold=20", "--no-pager", str(unit)],
         capture_output=True, text=True,
     )  # fmt: skip
     assert done.returncode == 0, done.stdout + done.stderr
     assert "Overall exposure level" in done.stdout
-    verified = subprocess.run(["systemd-analyze", "verify", str(UNIT)], capture_output=True, text=True)
-    faults = [line for line in verified.stderr.splitlines() if UNIT.name in line and "is not executable" not in line]
+    verified = subprocess.run(["systemd-analyze", "verify", str(unit)], capture_output=True, text=True)
+    faults = [line for line in verified.stderr.splitlines() if unit.name in line and "is not executable" not in line]
     assert faults == []
+
+
+@pytest.mark.parametrize("unit", sorted(UNIT.parent.glob("talc-gateway-*.service")), ids=lambda unit: unit.stem)
+def test_each_unit_beside_it_starts_a_command_as_the_program_has_it(unit: Path) -> None:
+    """With the options of the unit's own example."""
+    text = unit.read_text(encoding="utf-8")
+    (line,) = re.findall(r"^ExecStart=\S+/talc-gateway (.*)$", text, re.MULTILINE)
+    example = re.findall(r'OPTIONS="(.*)"$', text, re.MULTILINE)
+    words = shlex.split(line.replace("$OPTIONS", example[0].removesuffix(" --authority ...") if example else ""))
+    command = main.get_command(click.Context(main), words[0])
+    assert command is not None
+    parser = command.make_parser(click.Context(command))
+    given, left, _ = parser.parse_args(words[1:])
+    assert left == []
+    assert [name for name, value in given.items() if value is not None]

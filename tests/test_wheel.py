@@ -3,7 +3,6 @@
 import json
 import os
 import re
-import shlex
 import shutil
 import socket
 import subprocess
@@ -16,8 +15,6 @@ from zipfile import ZipFile
 
 import pytest
 
-from tests.benches.pages import commands
-
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[1]
@@ -26,12 +23,23 @@ INSTALLED = {"gateway", "drivers", "talc"}
 NOT_BESIDE_A_MACHINE = {"celer", "clarabel", "hypothesis", "matplotlib", "pyarrow", "pytest", "scikit-fem", "skglm"}
 
 
-def pip(*arguments: str | Path) -> None:
+Environment = dict[str, str]
+
+
+def pip(environment: Environment, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet", *map(str, arguments)]
-    done = subprocess.run(
-        command, capture_output=True, text=True, env={**os.environ, "SOURCE_DATE_EPOCH": "1767225600"}
-    )
+    return subprocess.run(command, capture_output=True, text=True, env=environment)
+
+
+@pytest.fixture(scope="module")
+def tools(tmp_path_factory: pytest.TempPathFactory) -> Environment:
+    """The environment with the locked tools that build wheels; pip alone would install them for each wheel."""
+    folder = tmp_path_factory.mktemp("tools")
+    lock = ROOT / "requirements" / "build.lock"
+    done = pip(dict(os.environ), "install", "--no-compile", "--target", folder, "--require-hashes", "-r", lock)
     assert done.returncode == 0, done.stderr
+    path = f"{folder / 'bin'}:{os.environ['PATH']}"
+    return {**os.environ, "PYTHONPATH": str(folder), "PATH": path, "SOURCE_DATE_EPOCH": "1767225600"}
 
 
 @pytest.fixture(scope="module")
@@ -41,25 +49,25 @@ def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return shutil.copytree(ROOT, tmp_path_factory.mktemp("wheel") / "source", ignore=here)
 
 
-def build(source: Path, folder: Path) -> None:
-    pip("wheel", "--no-deps", "--wheel-dir", folder, source)
+def tried(tools: Environment, source: Path, folder: Path) -> subprocess.CompletedProcess[str]:
+    return pip(tools, "wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", folder, source)
 
 
-def only_wheel(folder: Path) -> Path:
+def build(tools: Environment, source: Path, folder: Path) -> Path:
+    done = tried(tools, source, folder)
+    assert done.returncode == 0, done.stderr
     (wheel,) = folder.glob("*.whl")
     return wheel
 
 
 @pytest.fixture(scope="module")
-def wheel(source: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    build(source, folder := tmp_path_factory.mktemp("service-wheel"))
-    return only_wheel(folder)
+def wheel(tools: Environment, source: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return build(tools, source, tmp_path_factory.mktemp("service-wheel"))
 
 
 @pytest.fixture(scope="module")
-def simulators(source: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    build(source / "deploy" / "simulators", folder := tmp_path_factory.mktemp("simulators-wheel"))
-    return only_wheel(folder)
+def simulators(tools: Environment, source: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return build(tools, source / "deploy" / "simulators", tmp_path_factory.mktemp("simulators-wheel"))
 
 
 def packed(wheel: Path) -> tuple[set[str], list[str]]:
@@ -87,30 +95,6 @@ def test_the_wheel_contains_the_service_and_no_simulators_studies_benchmarks_or_
     assert [name for name in names if name.startswith("talc/_kernel") and name.endswith(".so")]
 
 
-@pytest.mark.peer
-def test_unzip_lists_it_as_contributing_shows(wheel: Path) -> None:
-    """`unzip -l dist/talc_gateway-*.whl` ends with the number of files, and no line names a room that should not be
-    there."""
-    command = f"unzip -l {wheel.parent}/talc_gateway-*.whl"
-    listed = subprocess.run(command, shell=True, capture_output=True, text=True, check=True).stdout
-    assert listed.splitlines()[-1].split()[-2:] == [str(len(packed(wheel)[1])), "files"]
-    assert not re.search(r" (simulators|studies|benchmarks|tests)/", listed)
-
-
-@pytest.mark.parametrize("shown", sorted({c for _, c in commands() if re.match(r"pip install ['\"]?talc-gateway", c)}))
-def test_pip_finds_all_that_an_installation_shown_on_a_page_names(shown: str, wheel: Path, simulators: Path) -> None:
-    """What it would install of ours; the third-party packages are there, in the versions that the wheel asks for."""
-    _, _, named = shlex.split(shown)
-    file = named.replace("talc-gateway", str(wheel), 1)
-    command = ["-m", "pip", "--disable-pip-version-check", "install", "--dry-run", "--no-index"]
-    done = subprocess.run(
-        [sys.executable, *command, "--find-links", simulators.parent, file], capture_output=True, text=True
-    )
-    assert done.returncode == 0, done.stderr
-    assert re.search(r"(?m)^Would install talc-gateway-\d", done.stdout)
-    assert "does not provide the extra" not in done.stderr
-
-
 def test_the_wheel_names_what_of_others_is_in_it(wheel: Path) -> None:
     """A list below .dist-info/sboms (PEP 770), with the versions that it was compiled with, and their licences."""
     with ZipFile(wheel) as archive:
@@ -129,12 +113,11 @@ def test_the_wheel_names_what_of_others_is_in_it(wheel: Path) -> None:
     assert licences == {"LICENSE", "nanobind.txt", "robin-map.txt"}
 
 
-def test_no_wheel_is_built_with_another_script_for_the_charts(source: Path, tmp_path: Path) -> None:
+def test_no_wheel_is_built_with_another_script_for_the_charts(tools: Environment, source: Path, tmp_path: Path) -> None:
     changed = shutil.copytree(source, tmp_path / "changed")
     with (changed / "gateway/reporting/uplot/uPlot.iife.min.js").open("a", encoding="utf-8") as script:
         script.write(" ")
-    command = [sys.executable, "-m", "pip", "wheel", "--no-deps", "--wheel-dir", tmp_path / "wheels", changed]
-    done = subprocess.run(list(map(str, command)), capture_output=True, text=True)
+    done = tried(tools, changed, tmp_path / "wheels")
     assert done.returncode != 0
     said = " ".join((done.stdout + done.stderr).split())
     assert "uPlot.iife.min.js: not the file whose SHA-512 is in gateway/reporting/uplot/SHA512SUMS" in said
@@ -148,10 +131,12 @@ def test_whatever_builds_a_package_is_installed_by_hash() -> None:
     assert [line for line in installs if "--require-hashes" not in line and "--no-index" not in line] == []
 
 
-def test_the_same_source_in_another_folder_gives_the_same_bytes(source: Path, simulators: Path, tmp_path: Path) -> None:
+def test_the_same_source_in_another_folder_gives_the_same_bytes(
+    tools: Environment, source: Path, simulators: Path, tmp_path: Path
+) -> None:
     """Of the simulators, which need no compiler."""
-    build(shutil.copytree(source, tmp_path / "elsewhere" / "source") / "deploy" / "simulators", tmp_path / "again")
-    again = only_wheel(tmp_path / "again")
+    elsewhere = shutil.copytree(source, tmp_path / "elsewhere" / "source") / "deploy" / "simulators"
+    again = build(tools, elsewhere, tmp_path / "again")
     assert again.name == simulators.name
     assert sha256(again.read_bytes()).hexdigest() == sha256(simulators.read_bytes()).hexdigest()
 
@@ -161,13 +146,6 @@ def test_an_installation_needs_nothing_that_only_studies_benchmarks_or_tests_nee
     plain = [requirement for requirement in requirements if "extra ==" not in requirement]
     assert any(requirement.startswith("numpy") for requirement in plain)
     assert not [r for r in plain if r.startswith(tuple(NOT_BESIDE_A_MACHINE))]
-
-
-def test_what_is_installed_has_no_studies_benchmarks_or_tests(wheel: Path, tmp_path: Path) -> None:
-    pip("install", "--no-deps", "--no-index", "--target", tmp_path / "site", wheel)
-    found = {entry.name for entry in (tmp_path / "site").iterdir() if not entry.name.endswith(".dist-info")}
-    assert found == INSTALLED | {"bin"}
-    assert [entry.name for entry in (tmp_path / "site" / "bin").iterdir()] == ["talc-gateway"]
 
 
 def test_the_extra_for_the_demo_brings_the_simulators_and_the_report(wheel: Path, simulators: Path) -> None:

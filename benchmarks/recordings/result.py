@@ -1,8 +1,8 @@
-"""The result for one recording: as JSON, as Markdown, and as rows of the table in docs/results.md."""
+"""The result for one recording: as JSON, as Markdown, and as rows of the table in docs/figures.md."""
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -65,8 +65,8 @@ class Result:
         return list(dict.fromkeys((c.dense_h, c.interval_min) for c in self.cells))
 
 
-def table_rows(result: Result, method: str, goals: Mapping[tuple[float, float], str]) -> list[BenchRow]:
-    """A row for each beginning and interval: the method, all others beside it, and the goal, where there is one."""
+def table_rows(result: Result, method: str) -> list[BenchRow]:
+    """A row for each beginning and interval: the method, and all others beside it."""
     found = []
     for unit in result.units:
         for dense_h, interval_min in result.ways:
@@ -89,7 +89,6 @@ def table_rows(result: Result, method: str, goals: Mapping[tuple[float, float], 
                     f"first hour {_written(f.first_hour)}, after it {_written(f.later)}; "
                     f"95 % intervals hold {_share(f.inside)}",
                     ", ".join(others),
-                    goals.get((dense_h, interval_min), ""),
                 )
             )
     return found

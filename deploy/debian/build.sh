@@ -1,9 +1,11 @@
 #!/usr/bin/env bash
-# Builds talc-gateway_VERSION_ARCH.deb for this computer's Debian release.
+# Builds talc-gateway_VERSION_ARCH.deb for this computer's Debian release, and talc-gateway-report_VERSION_ARCH.deb with
+# the libraries of the report's charts.
 #
 #   deploy/debian/build.sh [FOLDER]              default: dist
 #   ARCH=arm64 deploy/debian/build.sh [FOLDER]   for a Pi, on another computer
 #
+# LEVEL: how much zstd compresses, 1 to 19 (default: 19, which takes a minute longer than 3 and saves a fifth).
 # Everything comes from the locks in requirements/, by hash, what builds the kernel too; nothing is fetched when the
 # package is installed. Needs: /usr/bin/python3 (Debian's, whose version the package then depends on), its headers
 # (python3-dev), a C++ compiler, dpkg-deb, and PYTHON: any Python with pip (default: python3). For another architecture
@@ -19,16 +21,17 @@ umask 022
 : "${SOURCE_DATE_EPOCH:=$(git log -1 --format=%ct 2>/dev/null || stat -c %Y pyproject.toml)}"
 export SOURCE_DATE_EPOCH PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_ROOT_USER_ACTION=ignore
 
-version=$(sed -n 's/^version = "\(.*\)"/\1/p' pyproject.toml)
+version=$(deploy/version.sh)
 native=$(dpkg --print-architecture)
 architecture=${ARCH:-$native}
 cross=()
 minor=$(/usr/bin/python3 -c 'import sys; print(f"{sys.version_info[0]}.{sys.version_info[1]}")')
 next=$(/usr/bin/python3 -c 'import sys; print(f"{sys.version_info[0]}.{sys.version_info[1] + 1}")')
-root=$work/root home=/opt/talc-gateway
+root=$work/root home=/opt/talc-gateway report=$work/report strip=strip
 
 if [ "$architecture" != "$native" ]; then
     [ "$architecture" = arm64 ] || { echo "$0: cannot build for $architecture here" >&2; exit 2; }
+    strip=aarch64-linux-gnu-strip
     # States what scikit-build-core and nanobind would take from the target's Python.
     cross=(CXX=aarch64-linux-gnu-g++ "CXXFLAGS=${ARM64_ROOT:+-idirafter $ARM64_ROOT/usr/include}"
         _PYTHON_HOST_PLATFORM=linux-aarch64 "SETUPTOOLS_EXT_SUFFIX=.cpython-${minor/./}-aarch64-linux-gnu.so")
@@ -41,6 +44,7 @@ echo "the kernel's wheel"
 mkdir "$work/source"  # a copy: an editable installation uses the tree's own build folder
 tar --exclude=./.git --exclude='./.[a-z]*' --exclude=./build --exclude=./dist --exclude=./out --exclude='*.so' -c . |
     tar -x -C "$work/source"
+deploy/version.sh write "$work/source"
 env "PATH=$work/build/bin:$PATH" "${cross[@]}" "$python" -m pip --python "$work/build/bin/python" wheel --quiet --no-deps \
     --no-build-isolation --wheel-dir "$work" "$work/source" "$work/source/deploy/simulators"
 
@@ -62,40 +66,69 @@ fi
 # An environment knows where it is: it will be in $home, not below the folder in which it was made.
 grep -rlIF "$root" "$root$home/bin" "$root$home/pyvenv.cfg" | xargs -r sed -i "s#$root##g"
 find "$root$home" -name direct_url.json -delete
+# What nobody runs there: the libraries' own tests, what compilers and type checkers read, tools to build packages (osqp
+# names setuptools, for code that it generates), and symbols. `strip` spoils what patchelf has given a path to libraries.
+find "$site" -depth -type d \( -name tests -o -name test \) -exec rm -r {} +
+find "$site" -type f \( -name '*.pyi' -o -name '*.py[xd]' -o -name '*.a' -o -name '*.[ch]' -o -name '*.[ch]pp' \) -delete
+rm -r "$site"/{setuptools,setuptools-*.dist-info,_distutils_hack,distutils-precedence.pth}
+find "$site" -name '*.so' -not -path '*.libs/*' | while read -r each; do
+    readelf -d "$each" | grep -Eq 'RPATH|RUNPATH' || "$strip" --strip-unneeded "$each"
+done
+"$python" deploy/debian/apart.py "$site" "$report$home/lib/python$minor/site-packages"
 # Compiled here, and never checked against the time: nobody writes below $home later.
-"$root$home/bin/python" -m compileall -q -j 2 -s "$root" -x '/tests?/' --invalidation-mode unchecked-hash \
-    "$root$home/lib" >/dev/null || true  # a file for another Python in a package's data
+for part in "$root" "$report"; do
+    "$root$home/bin/python" -m compileall -q -j 2 -s "$part" --invalidation-mode unchecked-hash \
+        "$part$home/lib" >/dev/null || true  # a file for another Python in a package's data
+done
 
 echo "the package"
-install -D -m 644 deploy/systemd/talc-gateway.service "$root/usr/lib/systemd/system/talc-gateway.service"
-for page in LICENSE CHANGELOG.md README.md SECURITY.md docs/{install-pi,cyber-resilience}.md; do
-    install -D -m 644 "$page" "$root/usr/share/doc/talc-gateway/$(basename "$page")"
-done
+mkdir -p "$root/usr/lib/systemd/system" "$root/usr/share/doc/talc-gateway"
+cp -r deploy/systemd/. "$root/usr/lib/systemd/system/"
+cp LICENSE CHANGELOG.md README.md SECURITY.md "$root/usr/share/doc/talc-gateway/"
+# As in the source tree, so that the names in messages and the links between pages lead to them; pictures are left out.
+tar --exclude='*.png' --exclude='*.ipynb' --exclude=__pycache__ -c docs examples | tar -x -C "$root/usr/share/doc/talc-gateway"
 mkdir -p "$root$home/share"
-cp -r deploy/{grafana,nc,pi,zenoh} "$root$home/share/"
+cp -r deploy/{ansible,grafana,nc,pi,prometheus,zenoh} "$root$home/share/"
 install -m 644 deploy/debian/gateway.toml "$root$home/share/gateway.toml"  # postinst copies it: no conffile, so no question
 [ "$architecture" != "$native" ] || deploy/debian/linuxcnc_component.sh "$root$home/share/nc/linuxcnc/prebuilt"
 /usr/bin/python3 deploy/debian/sbom.py "$site" "$work/build/lib/python$minor/site-packages" \
     "$root/usr/share/doc/talc-gateway"
-mkdir -p "$root/usr/bin" "$root/DEBIAN"
+/usr/bin/python3 deploy/debian/sbom.py "$report$home/lib/python$minor/site-packages" \
+    "$work/build/lib/python$minor/site-packages" "$report/usr/share/doc/talc-gateway-report"
+mkdir -p "$root/usr/bin" "$root/DEBIAN" "$report/DEBIAN"
 ln -s "$home/bin/talc-gateway" "$root/usr/bin/talc-gateway"
+reads=$root$home/bin/python
+[ "$architecture" = "$native" ] || reads=$python # the target's libraries cannot be imported here
+"$reads" deploy/debian/manual.py "$version" "$root/usr/share"
 install -m 755 deploy/debian/{preinst,postinst,prerm,postrm} "$root/DEBIAN/"
 sed -i "s/@VERSION@/$version/" "$root/DEBIAN/postinst"
 echo "$version" >"$root$home/version"
-cat >"$root/DEBIAN/control" <<CONTROL
-Package: talc-gateway
+control() {  # folder, package, dependencies and other fields, title; the description follows
+    cat >"$1/DEBIAN/control" <<CONTROL
+Package: $2
 Version: $version
 Architecture: $architecture
 Maintainer: talc-gateway developers <talc-gateway@localhost>
 Section: misc
 Priority: optional
-Installed-Size: $(du -sk "$root" | cut -f1)
-Depends: python3 (>= $minor), python3 (<< $next), libc6, libstdc++6, passwd
+Installed-Size: $(du -sk "$1" | cut -f1)
+$3
+Description: $4
+$(cat)
+CONTROL
+    find "$1" -newermt "@$SOURCE_DATE_EPOCH" -exec touch -h -d "@$SOURCE_DATE_EPOCH" {} +
+    dpkg-deb --root-owner-group -Zzstd "-z${LEVEL:-19}" --build "$1" "$output/$2_${version}_$architecture.deb"
+}
+mkdir -p "$output"
+control "$root" talc-gateway "Depends: python3 (>= $minor), python3 (<< $next), libc6, libstdc++6, passwd
 Recommends: systemd, chrony
-Description: thermal adaptive learning control for five-axis machine tools
+Suggests: talc-gateway-report" "thermal adaptive learning control for five-axis machine tools" <<DESCRIPTION
  Reads temperatures beside a machine tool, learns its thermal errors from probing
  cycles, and corrects them. Brings its own Python environment.
-CONTROL
-find "$root" -newermt "@$SOURCE_DATE_EPOCH" -exec touch -h -d "@$SOURCE_DATE_EPOCH" {} +
-mkdir -p "$output"
-dpkg-deb --root-owner-group -Zzstd -z6 --build "$root" "$output/talc-gateway_${version}_$architecture.deb"
+DESCRIPTION
+# Replaces: once the libraries were in the other package.
+control "$report" talc-gateway-report "Depends: talc-gateway, python3 (>= $minor), python3 (<< $next)
+Breaks: talc-gateway (<< $version)
+Replaces: talc-gateway (<< $version)" "charts of talc-gateway's report" <<DESCRIPTION
+ The libraries with which talc-gateway draws its report and its demo.
+DESCRIPTION

@@ -85,8 +85,10 @@ def main(site: Path, build: Path, folder: Path) -> None:
     found = sorted(distributions(path=[str(site)]), key=lambda d: d.metadata["Name"].lower())
     if not found:
         raise SystemExit(f"{site}: contains no distributions")
-    compiled = list(compiled_in(site, build))
-    components = [*map(component, found), script(site), *(part for part, _ in compiled)]
+    ours = (site / "talc").exists()  # and not only libraries
+    compiled = list(compiled_in(site, build)) if ours else []
+    scripts = [script(site)] if ours else []
+    components = [*map(component, found), *scripts, *(part for part, _ in compiled)]
     bom = {"bomFormat": "CycloneDX", "specVersion": "1.5", "version": 1, "components": components}
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "sbom.cdx.json").write_text(json.dumps(bom, indent=1) + "\n", encoding="utf-8")

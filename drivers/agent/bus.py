@@ -10,6 +10,7 @@ from drivers.agent.numbers import finite_number, json_object
 from drivers.agent.settings import AgentBusSettings, AgentSettings
 from drivers.base import BadAnswer, WrongDevice, placed
 from drivers.tap import Tap
+from drivers.text import Text
 
 _MOST_NAMES = 3000
 """Characters of all names in one question: an agent's longest line has 4096."""
@@ -59,8 +60,8 @@ class AgentBus:
             if Capability.VALUES not in greeting.can:
                 await self._agent.close()
                 raise WrongDevice(
-                    "the agent reports no values of its control",
-                    hint="it needs the capability `values`; on LinuxCNC copy the files of deploy/nc/linuxcnc again",
+                    Text("agent_no_values"),
+                    hint=Text("agent_needs_values"),
                 )
 
     async def close(self) -> None:
@@ -94,12 +95,12 @@ def _parts(names: Sequence[str]) -> list[int]:
 
 def _listed(told: Json, names: Sequence[str]) -> list[float | str | None]:
     if not isinstance(told, list) or len(told) != len(names):
-        raise BadAnswer(f"values: expected a list of {len(names)}", hint="does the agent have a different version?")
+        raise BadAnswer(Text("agent_values", expected=len(names)), hint=Text("agent_version_differs"))
     pairs = zip(told, names, strict=True)
     return [v if v is None or isinstance(v, str) else finite_number(v, f"value {name}", "") for v, name in pairs]
 
 
 def _why(told: Json) -> str:
     if not isinstance(told, str):
-        raise BadAnswer(f"stale = {told!r}: expected a text", hint="does the agent have a different version?")
+        raise BadAnswer(Text("agent_stale", told=repr(told)), hint=Text("agent_version_differs"))
     return told

@@ -9,6 +9,7 @@ from drivers.base import BadAnswer, ConnectError, NoAnswer, Refused, WrongDevice
 from drivers.byte_stream import TcpStream
 from drivers.section import host_and_port
 from drivers.signature import is_signed, session_key, signature
+from drivers.text import Text
 
 _LONGEST_LINE = 65536
 Json = None | bool | int | float | str | list["Json"] | dict[str, "Json"]
@@ -62,7 +63,7 @@ class AgentConnection:
         connection."""
         async with self._lock:
             if not self._stream.is_open:
-                raise ConnectError("not connected", device=self._device, hint="connect first")
+                raise ConnectError(Text("not_connected"), device=self._device, hint=Text("connect_first"))
             try:
                 return await self._exchange({"do": do, **arguments})
             except Refused:
@@ -78,13 +79,14 @@ class AgentConnection:
         mac, _, text = line.partition(b" ")
         if self._count == 0 and line.startswith(b"{") and "error" in (refusal := _parsed(line, self._device)):
             # Before the proof nothing can be signed; a forged line here can do no more than prevent the connection.
-            raise Refused(str(refusal["error"]), device=self._device, hint="compare key_file with the agent's key")
+            hint = Text("agent_compare_key")
+            raise Refused(str(refusal["error"]), device=self._device, reason=_code(refusal), hint=hint)
         if not is_signed(self._session, "agent", self._count, text, mac):
             raise self._stranger()
         self._count += 1
         answer = _parsed(text, self._device)
         if "error" in answer:
-            raise Refused(str(answer["error"]), device=self._device)
+            raise Refused(str(answer["error"]), device=self._device, reason=_code(answer))
         return answer.get("answer")
 
     async def _line(self) -> bytes:
@@ -95,13 +97,18 @@ class AgentConnection:
                         raise self._stranger()
                     self._rest += await self._stream.read(self._settings.timeout_s)
         except TimeoutError:
-            raise NoAnswer(f"no answer within {self._settings.timeout_s:g} s", device=self._device) from None
+            raise NoAnswer(Text("no_answer_within", timeout_s=self._settings.timeout_s), device=self._device) from None
         line, _, self._rest = self._rest.partition(b"\n")
         return line
 
     def _stranger(self) -> WrongDevice:
         where = host_and_port(self._settings.host, self._settings.port)
-        return WrongDevice(f"what answers at {where} is not the agent with this key", device=self._device)
+        return WrongDevice(Text("agent_stranger", where=where), device=self._device)
+
+
+def _code(refusal: dict[str, Json]) -> str:
+    code = refusal.get("code", "")
+    return code if isinstance(code, str) else ""
 
 
 def _parsed(text: bytes, device: str) -> dict[str, Json]:
@@ -111,5 +118,5 @@ def _parsed(text: bytes, device: str) -> dict[str, Json]:
     except (ValueError, RecursionError):
         message = None
     if not isinstance(message, dict):
-        raise BadAnswer(f"expected a JSON object, got {text[:60]!r}", device=device)
+        raise BadAnswer(Text("agent_no_json", text=repr(text[:60])), device=device)
     return message

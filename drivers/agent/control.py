@@ -25,14 +25,16 @@ from drivers.nc import (
     check_number,
     check_offsets,
 )
+from drivers.text import Text
 
 _POLL_S = 0.02
 """From one look at what is in force to the next."""
 _THERE_UM = 1e-3
-"""An offset that differs by no more than this is in force."""
+"""An offset that differs by no more than this, and does not move, is in force: a control may round."""
+_EXACT_UM = 1e-9
 _EMERGENCY_STOP: Final = 1
 """Shown as an alarm, beside those that the agent reports."""
-NO_CYCLE: Final = "the agent has no probing cycle"
+NO_CYCLE: Final = Text("agent_no_cycle")
 _OFFSETS: Final = frozenset({Capability.SHIFT, Capability.SLOPES, Capability.ERRORS})
 
 
@@ -74,7 +76,7 @@ class AgentControl:
         status = json_object(await self._agent.ask("status"), "status", self._settings.device)
         positions = self._named(status.get("positions"), "positions")
         if missing := set(AXES) - set(positions):
-            raise BadAnswer(f"positions without {', '.join(sorted(missing))}", device=self._settings.device)
+            raise BadAnswer(Text("agent_positions", names=", ".join(sorted(missing))), device=self._settings.device)
         tool, probing, cannot_probe = (status.get(name) for name in ("tool", "probing", "cannot_probe"))
         if Capability.PROBE not in self._greeting.can:
             cannot_probe = NO_CYCLE
@@ -92,6 +94,7 @@ class AgentControl:
             probing=probing if isinstance(probing, bool) else None,
             ready=status.get("on") is True and status.get("homed") is True and not stopped,
             cannot_probe=cannot_probe if isinstance(cannot_probe, str) else None,
+            cannot_probe_code=_code(status.get("cannot_probe_code")),
         )
 
     @property
@@ -110,7 +113,7 @@ class AgentControl:
         check_number(number, "request number")
         check_height(dry_run_mm)
         if dry_run_mm and self._agent.is_open and not self.runs_dry:
-            raise Refused("the agent knows no dry runs", device=self._settings.device, hint="update the agent")
+            raise Refused(Text("agent_no_dry_runs"), device=self._settings.device, hint=Text("agent_update"))
         height: dict[str, Json] = {"dry_run_mm": dry_run_mm} if dry_run_mm else {}
         await self._agent.ask("probe", number=number, valid_for_s=self._settings.request_valid_for_s, **height)
 
@@ -121,12 +124,12 @@ class AgentControl:
         told = json_object(await self._agent.ask("probing", number=number), "probing", device)
         state = _member(ProbingState, told.get("state"), None)
         if state is None:
-            raise BadAnswer(f"probing state {told.get('state')!r} is unknown", device=device)
+            raise BadAnswer(Text("agent_probing_state", state=repr(told.get("state"))), device=device)
         if state is not ProbingState.DONE:
-            return RequestStatus(number, state, reason=str(told.get("reason", "")))
+            return RequestStatus(number, state, reason=str(told.get("reason", "")), code=_code(told.get("code")))
         centres = told.get("centres")
         if not isinstance(centres, list) or len(centres) != self._settings.poses:
-            raise BadAnswer(f"cycle {number} is done without {self._settings.poses} centres", device=device)
+            raise BadAnswer(Text("agent_no_centres", number=number, poses=self._settings.poses), device=device)
         told_in_force = Capability.ERRORS in self._greeting.can or self._greeting.version >= 3
         return RequestStatus(
             number,
@@ -151,10 +154,18 @@ class AgentControl:
         await self._in_force(self.read_compensation, offsets_um)
 
     async def _in_force(self, read: Callable[[], Awaitable[Sequence[float]]], wanted: Sequence[float]) -> None:
-        """The control slews. The next read-back must return what was written, unless something else is wrong."""
+        """The control slews. The next read-back must return what was written, unless something else is wrong.
+
+        What is near may still move: over a long reach a thousandth of ER0T is more than the gateway lets pass.
+        """
+        before: Sequence[float] = ()
 
         async def there() -> bool:
-            return all(abs(a - b) < _THERE_UM for a, b in zip(await read(), wanted, strict=True))
+            nonlocal before
+            now = await read()
+            stands, before = now == before, now
+            away = max(abs(a - b) for a, b in zip(now, wanted, strict=True))
+            return away < _EXACT_UM or (stands and away < _THERE_UM)
 
         await self._until(there)
 
@@ -211,8 +222,8 @@ class AgentControl:
         try:
             await self._agent.ask("claim", owner=owner, **told)
         except Refused as error:
-            hint = "stop the other gateway, or run this one in the mode monitor or advise"
-            raise Refused(error.what, device=self._settings.device, hint=hint) from error
+            hint = Text("stop_other_gateway")
+            raise Refused(error.what, device=self._settings.device, reason=error.reason, hint=hint) from error
         # The claim is a beat, which real time sees in its next cycle; the next beat must find the watchdog active.
         await self._until(lambda: self.heartbeat(owner))
 
@@ -228,8 +239,8 @@ class AgentControl:
 
     def _check_takes_offsets(self) -> None:
         if self._agent.is_open and not self._greeting.can & _OFFSETS:
-            hint = '[compensation] mode = "monitor" or "advise" works with it'
-            raise Refused("the agent takes no offsets", device=self._settings.device, hint=hint)
+            hint = Text("mode_works")
+            raise Refused(Text("agent_no_offsets"), device=self._settings.device, hint=hint)
 
     def _named(self, answer: Json, what: str) -> dict[str, float]:
         device = self._settings.device
@@ -240,8 +251,12 @@ class AgentControl:
 
     def _alarms(self, told: Json) -> tuple[int, ...]:
         if not isinstance(told, list) or not all(type(alarm) is int for alarm in told):  # a bool would be an int
-            raise BadAnswer(f"alarms = {told!r}: expected a list of whole numbers", device=self._settings.device)
+            raise BadAnswer(Text("agent_alarms", told=repr(told)), device=self._settings.device)
         return tuple(alarm for alarm in told if isinstance(alarm, int))
+
+
+def _code(value: Json) -> str:
+    return value if isinstance(value, str) else ""
 
 
 def _member(kind: Any, value: Json, default: Any) -> Any:

@@ -8,8 +8,9 @@ from drivers.agent.profile import AgentProfile, AgentValue
 from drivers.base import Clock, Quality, Reading, WrongDevice
 from drivers.faults import Fault
 from drivers.readings import ReadingMaker
+from drivers.text import Text
 
-_ABSENT = "compare the name with the control's own, case included; LinuxCNC's `halcmd show` lists them"
+_ABSENT = Text("agent_compare_name")
 
 
 class AgentDevice:
@@ -31,7 +32,7 @@ class AgentDevice:
         told = await self._bus.values(self.device, names)
         if all(value is None for value in told.values):
             raise WrongDevice(
-                f"the control has nothing named {', '.join(names[:3])}",
+                Text("agent_nothing_named", names=", ".join(names[:3])),
                 bus=self._bus.name,
                 device=self.device,
                 hint=_ABSENT,
@@ -54,20 +55,20 @@ class AgentDevice:
     def _judged(self, value: AgentValue, found: Mapping[str, float | str | None], now_s: float) -> float | Fault:
         for name in value.names:
             if found[name] is None:
-                return Fault(Quality.COMM_FAULT, f"the control has nothing named {name}: {_ABSENT}")
+                return Fault(Quality.COMM_FAULT, Text("agent_nothing_named_so", name=name, hint=_ABSENT))
         numbers = {name: number for name in value.names if isinstance(number := found[name], float)}
         for name in value.names:
             if name not in numbers:
-                return Fault(Quality.SENSOR_FAULT, f"{name} holds no finite number: {found[name]}")
+                return Fault(Quality.SENSOR_FAULT, Text("holds_no_number", name=name, found=found[name]))
         if value.valid is not None and not numbers[value.valid]:
-            return Fault(Quality.SENSOR_FAULT, f"{value.valid} is FALSE")
+            return Fault(Quality.SENSOR_FAULT, Text("agent_not_valid", valid=value.valid))
         if value.error is not None and numbers[value.error]:
-            return Fault(Quality.SENSOR_FAULT, f"{value.error} = {numbers[value.error]:g}")
+            return Fault(Quality.SENSOR_FAULT, Text("agent_error_set", name=value.error, number=numbers[value.error]))
         if value.alive is not None:
             quiet_s = now_s - self._moved[value.alive].at_s
             if quiet_s > (self._profile.max_age_s or 0.0):
-                since = f"for {quiet_s:.0f} s" if math.isfinite(quiet_s) else "since the gateway began to look"
-                return Fault(Quality.STALE, f"{value.alive} has not changed {since}")
+                since = Text("agent_for_s", quiet_s=quiet_s) if math.isfinite(quiet_s) else Text("agent_since_start")
+                return Fault(Quality.STALE, Text("agent_unchanged", alive=value.alive, since=since))
         return value.value(numbers[value.name])
 
 

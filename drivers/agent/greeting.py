@@ -8,6 +8,7 @@ from drivers.agent.connection import Json
 from drivers.agent.numbers import finite_number, finite_numbers, json_object, triple
 from drivers.base import BadAnswer, WrongDevice
 from drivers.nc import LINEAR_AXES, Triple
+from drivers.text import Text
 
 PROTOCOL_VERSION: Final = 3
 """The newest version of the protocol that this driver speaks; it speaks every earlier one."""
@@ -59,15 +60,15 @@ class Greeting:
         if own is None:
             return
         count = own if isinstance(own, int) else len(own)
-        hint = "[probing] poses_deg must be the poses of the control's probing program, in their order"
+        hint = Text("agent_poses_hint")
         if count != poses:
-            raise WrongDevice(f"the agent's cycle has {count} poses, not {poses}", device=device, hint=hint)
+            raise WrongDevice(Text("agent_pose_count", count=count, poses=poses), device=device, hint=hint)
         if isinstance(own, int) or not poses_deg:
             return
         for i, (told, wanted) in enumerate(zip(own, poses_deg, strict=True), start=1):
             if any(_apart_deg(a, b) > _SAME_DEG for a, b in zip(told, wanted, strict=True)):
                 found, other = (f"A {a:g} C {c:g}" for a, c in (told, wanted))
-                raise WrongDevice(f"pose {i} of the agent is {found}, not {other}", device=device, hint=hint)
+                raise WrongDevice(Text("agent_pose", i=i, found=found, other=other), device=device, hint=hint)
 
 
 def greeting_of(answer: Json, device: str) -> Greeting:
@@ -76,10 +77,10 @@ def greeting_of(answer: Json, device: str) -> Greeting:
         return Greeting()  # of the first agents: a list of their commands
     version = answer.get("version", 1)
     if isinstance(version, bool) or not isinstance(version, int) or version < 1:
-        raise BadAnswer(f"version = {version!r}: expected a whole number from 1 on", device=device)
+        raise BadAnswer(Text("agent_version", version=repr(version)), device=device)
     if version > PROTOCOL_VERSION:
-        what = f"the agent speaks version {version} of the protocol, this gateway up to {PROTOCOL_VERSION}"
-        raise WrongDevice(what, device=device, hint="update the gateway")
+        what = Text("agent_newer", version=version, own=PROTOCOL_VERSION)
+        raise WrongDevice(what, device=device, hint=Text("update_gateway"))
     can = _capabilities(answer.get("capabilities", ["probe", "shift"]), device)
     return Greeting(
         version,
@@ -94,14 +95,14 @@ def greeting_of(answer: Json, device: str) -> Greeting:
 def _capabilities(told: Json, device: str) -> frozenset[Capability]:
     """Unknown ones come from a later agent and do no harm."""
     if not isinstance(told, list) or not all(isinstance(name, str) for name in told):
-        raise BadAnswer(f"capabilities = {told!r}: expected a list of texts", device=device)
+        raise BadAnswer(Text("agent_capabilities", told=repr(told)), device=device)
     return frozenset(capability for capability in Capability if capability.value in told)
 
 
 def _reach(told: Json, device: str) -> tuple[float, float]:
     along, across = finite_numbers(told, 2, "reach_mm", device)
     if min(along, across) <= 0:
-        raise BadAnswer(f"reach_mm = {told!r}: expected more than 0", device=device)
+        raise BadAnswer(Text("agent_reach", told=repr(told)), device=device)
     return along, across
 
 
@@ -109,10 +110,10 @@ def _travel(told: Json, device: str) -> SlopeTravel:
     travel = json_object(told, "travel", device)
     pairs = travel.get("pairs")
     if not isinstance(pairs, list) or not all(_is_pair(pair) for pair in pairs):
-        raise BadAnswer(f"travel.pairs = {pairs!r}: expected texts such as XY", device=device)
+        raise BadAnswer(Text("agent_pairs", pairs=repr(pairs)), device=device)
     reach = triple(travel.get("reach_mm"), "travel.reach_mm", device)
     if min(reach) <= 0:
-        raise BadAnswer(f"travel.reach_mm = {reach!r}: expected more than 0", device=device)
+        raise BadAnswer(Text("agent_travel_reach", reach=repr(reach)), device=device)
     where = (tuple(LINEAR_AXES.index(letter) for letter in str(pair)) for pair in pairs)
     return SlopeTravel(
         frozenset((shifted, over) for shifted, over in where),
@@ -133,13 +134,13 @@ def _poses(told: Json, version: int, device: str) -> int | tuple[tuple[float, fl
         return tuple((a, c) for a, c in pairs)
     count = finite_number(told, "poses", device)
     if count < 1 or count != int(count):
-        raise BadAnswer(f"poses = {told!r}: expected the number of poses, or A and C of each", device=device)
+        raise BadAnswer(Text("agent_poses", told=repr(told)), device=device)
     return int(count)
 
 
 def _path(told: Json, device: str) -> str:
     if not isinstance(told, str) or len(told) > _LONGEST_MARK:
-        raise BadAnswer(f"path = {told!r}: expected a text of at most {_LONGEST_MARK} characters", device=device)
+        raise BadAnswer(Text("agent_path", told=repr(told), most=_LONGEST_MARK), device=device)
     return told
 
 

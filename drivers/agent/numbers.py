@@ -5,14 +5,15 @@ from contextlib import suppress
 
 from drivers.agent.connection import Json
 from drivers.base import BadAnswer
+from drivers.text import Text
 
-_HINT = "does the agent have a different version?"
+_HINT = Text("agent_version_differs")
 
 
 def json_object(answer: Json, what: str, device: str) -> dict[str, Json]:
     """An object."""
     if not isinstance(answer, dict):
-        raise BadAnswer(f"{what}: expected an object", device=device, hint=_HINT)
+        raise BadAnswer(Text("agent_no_object", what=what), device=device, hint=_HINT)
     return answer
 
 
@@ -21,14 +22,13 @@ def finite_number(value: Json, what: str, device: str) -> float:
     with suppress(OverflowError):  # JSON's integers may be longer than any float
         if not isinstance(value, bool) and isinstance(value, (int, float)) and math.isfinite(value):
             return float(value)
-    raise BadAnswer(f"{what} = {value!r}: expected a finite number", device=device, hint=_HINT)
+    raise BadAnswer(Text("agent_no_number", what=what, value=repr(value)), device=device, hint=_HINT)
 
 
 def finite_numbers(value: Json, count: int, what: str, device: str) -> tuple[float, ...]:
     """A list of `count` finite numbers."""
     if not isinstance(value, list) or len(value) != count:
-        words = {2: "two", 3: "three", 9: "nine"}
-        raise BadAnswer(f"{what} = {value!r}: expected {words[count]} numbers", device=device, hint=_HINT)
+        raise BadAnswer(Text("agent_numbers", what=what, value=repr(value), count=count), device=device, hint=_HINT)
     return tuple(finite_number(v, what, device) for v in value)
 
 

@@ -7,8 +7,9 @@ from pydantic import Field, model_validator
 
 from drivers.profile import DeviceProfile, LinearValue
 from drivers.section import Positive, matching, wrong
+from drivers.text import Text
 
-ValueName = Annotated[str, Field(max_length=200), matching(r"[!-~]+", "a name without blanks, in ASCII")]
+ValueName = Annotated[str, Field(max_length=200), matching(r"[!-~]+", "a_name_ascii")]
 """As the control has it; on LinuxCNC the name of a HAL pin, signal or parameter."""
 
 
@@ -46,7 +47,7 @@ class AgentProfile(DeviceProfile):
     def _aged(self) -> Self:
         for i, value in enumerate(self.values):
             if value.alive is not None and self.max_age_s is None:
-                raise wrong("needs max_age_s, how long it may stay the same", "value", i, "alive")
+                raise wrong(Text("agent_alive_alone"), "value", i, "alive")
         return self
 
     @property

@@ -8,9 +8,11 @@ from pydantic import Field
 from drivers.base import SetupError
 from drivers.bus_settings import BusSettings, Here, is_loopback
 from drivers.credential_files import secret_cautions
+from drivers.error_words import in_words
 from drivers.nc import AXES, LARGEST_UM, REQUEST_VALID_FOR_S
 from drivers.section import FilePath, HostName, NotNegative, Port, Positive, Section, ServerTime, host_and_port
 from drivers.signature import shared_key
+from drivers.text import Text, text_of
 
 AGENT_PORT = 7621
 AGENT_STATES: Final = ("spindle_speed", *(f"speed_{axis}" for axis in AXES), "coolant")
@@ -77,10 +79,12 @@ class AgentSettings(AgentRequests):
         try:
             return shared_key(self.key_file)
         except OSError as error:
-            raise SetupError(f"key_file = {str(self.key_file)!r}: {error.strerror}", device=self.device) from error
+            raise SetupError(
+                Text("path_unreadable", path=str(self.key_file), why=in_words(error)), device=self.device
+            ) from error
         except ValueError as error:
             raise SetupError(
-                f"key_file = {str(self.key_file)!r} {error}",
+                Text("file_useless", path=str(self.key_file), why=text_of(error)),
                 device=self.device,
-                hint="copy the file of the agent's key from the control",
+                hint=Text("agent_copy_key"),
             ) from error

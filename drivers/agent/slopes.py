@@ -8,6 +8,7 @@ from drivers.agent.greeting import SlopeTravel
 from drivers.agent.numbers import json_object, triple
 from drivers.agent.settings import AgentSettings
 from drivers.nc import LinearOffsets, NotSendable, Triple, check_offsets
+from drivers.text import Text
 
 Settled = Callable[[Callable[[], Awaitable[Sequence[float]]], Sequence[float]], Awaitable[None]]
 """Waits until what is read is what was written, for timeout_s at most."""
@@ -67,16 +68,16 @@ class AgentSlopes:
 
     def _check(self, offsets: LinearOffsets) -> None:
         if not all(math.isfinite(v) for row in offsets.slope_um_per_mm for v in row):
-            raise NotSendable(f"{offsets!r}: expected finite slopes; nothing was sent")
+            raise NotSendable(Text("slopes_not_finite", offsets=repr(offsets)))
         for shifted, row in enumerate(offsets.slope_um_per_mm):
             for over, slope in enumerate(row):
                 if slope and (shifted, over) not in self.pairs:
-                    raise NotSendable(f"the agent has no slope of {'XYZ'[shifted]} by {'XYZ'[over]}; nothing was sent")
+                    raise NotSendable(Text("agent_no_slope", axis="XYZ"[shifted], over="XYZ"[over]))
         for k0, row in zip(offsets.k0_um, offsets.slope_um_per_mm, strict=True):
             largest = abs(k0) + sum(abs(s) * r for s, r in zip(row, self.reach_mm, strict=True))
             check_offsets((largest, 0.0, 0.0), self._settings.largest_um)
         if offsets.reference_mm != self.reference_mm:
-            raise NotSendable(f"P0 = {offsets.reference_mm}: the agent's is {self.reference_mm}; nothing was sent")
+            raise NotSendable(Text("agent_reference", found=str(offsets.reference_mm), own=str(self.reference_mm)))
 
     def _at_the_ends(self, offsets: LinearOffsets) -> tuple[float, ...]:
         """K0, and the largest addition by each slope, µm."""

@@ -17,6 +17,7 @@ from drivers.can.receiver import Receiver
 from drivers.can.settings import CanSettings
 from drivers.can.wanted import FrameId, WantedFrame
 from drivers.tap import Tap
+from drivers.text import Text
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +69,7 @@ class CanBus:
         """
         ears = self._ears
         if ears is None:
-            raise ConnectError("not connected", bus=self.name, device=device, hint="connect the bus first")
+            raise ConnectError(Text("not_connected"), bus=self.name, device=device, hint=Text("connect_bus_first"))
         now = monotonic()
         oldest = now - self._settings.timeout_s
         with suppress(TimeoutError):
@@ -81,10 +82,10 @@ class CanBus:
         if not found:
             listed = ", ".join(f"0x{identifier:X}" for identifier in sorted({frame.identifier for frame in frames}))
             raise NoAnswer(
-                f"none of the frames {listed} came within {self._settings.timeout_s:g} s",
+                Text("can_no_frames", listed=listed, timeout_s=self._settings.timeout_s),
                 bus=self.name,
                 device=device,
-                hint="check power, termination, bitrate and identifiers; is timeout_s longer than the device's cycle?",
+                hint=Text("can_check"),
             )
         return found
 

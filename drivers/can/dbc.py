@@ -9,6 +9,7 @@ from drivers.can.dbc_profile import CanDbcProfile, DbcSignal
 from drivers.can.wanted import WantedFrame
 from drivers.faults import Fault
 from drivers.readings import ReadingMaker
+from drivers.text import Text
 
 
 class CanDbcDevice:
@@ -42,7 +43,9 @@ class CanDbcDevice:
 def _value(signal: DbcSignal, heard: Mapping[WantedFrame, KeptFrame]) -> float | Fault:
     kept = heard.get(signal.frame)
     if kept is None:
-        page = f" with {signal.signal.name}" if signal.frame.pages else ""
-        what = f"message {signal.message.name} (0x{signal.frame.identifier:X}){page} did not arrive"
+        message, identifier = signal.message.name, signal.frame.identifier
+        what = Text("can_no_message", message=message, identifier=identifier)
+        if signal.frame.pages:
+            what = Text("can_no_page", message=message, identifier=identifier, signal=signal.signal.name)
         return Fault(Quality.COMM_FAULT, what)
     return signal.decode(kept.data)

@@ -9,12 +9,20 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import groupby
 
-_TEXT = re.compile(r'"(?:[^"\\]|\\.)*"', re.DOTALL)
+_TEXT = re.compile(r'"(?:[^"\\]|\\.)*+(?:"|\\?\Z)', re.DOTALL)
+"""A last one may have no end: it is found once, and left as it is."""
 _MESSAGE = re.compile(r"\s*BO_\s+(?P<id>\d+)\s+(?P<name>\w+)\s*:\s*(?P<bytes>\d+)\b")
 _SIGNAL = re.compile(r"\s*SG_\s+(?P<name>\w+)\s*(?:m\d+M?|M)?\s*:\s*(?P<start>\d+)\|(?P<bits>\d+)@(?P<order>[01])[+-]")
 _OF_MESSAGE = re.compile(r"^\s*(?:SIG_VALTYPE_|SG_MUL_VAL_)\s+(\d+)\s+(\w+)[^;]*;", re.MULTILINE)
 _BOM = "\ufeff", "ï»¿"
+MOST_DBC_BYTES = 2**23
+"""Of a file; those of whole vehicles have a third of that."""
 _MOST_BITS = 64
+_MOST_MESSAGE_BYTES = 1785
+"""Of several frames of SAE J1939."""
+_MOST_PAGES = 2**16
+_RANGE = re.compile(r"(\d+)\s*-\s*(\d+)")
+_LARGEST = 2**32
 
 
 def places(start: int, bits: int, *, little_endian: bool) -> list[int]:
@@ -45,10 +53,13 @@ class DbcMessage:
 
     def _fits(self, line: str) -> bool:
         found = _SIGNAL.match(line)
-        if found is None or not 0 < int(found["bits"]) <= min(_MOST_BITS, 8 * self.bytes):
+        if found is None or not 0 < _number(found["bits"]) <= min(_MOST_BITS, 8 * self.bytes):
+            return False
+        if self.bytes > _MOST_MESSAGE_BYTES:
             return False
         return (
-            max(places(int(found["start"]), int(found["bits"]), little_endian=found["order"] == "1")) < 8 * self.bytes
+            max(places(_number(found["start"]), _number(found["bits"]), little_endian=found["order"] == "1"))
+            < 8 * self.bytes
         )
 
 
@@ -59,14 +70,17 @@ class DbcFile:
         for mark in _BOM:
             text = text.removeprefix(mark)
         # Only comments have lines within a text; their words are no statements.
-        self._text = _TEXT.sub(lambda quoted: quoted[0].replace("\r", " ").replace("\n", " "), text)
+        self._text = _TEXT.sub(_on_one_line, text)
         found = list(_messages(self._text))
         self.messages: Mapping[str, DbcMessage] = {message.name: message for message in found}
         names = sorted(message.name for message in found)
         self.twice = {name for name, several in groupby(names) if len(list(several)) > 1}
 
     def only(self, wanted: Collection[DbcMessage]) -> str:
-        """A DBC file of these messages, without signals that do not fit and without attributes and comments."""
+        """A DBC file of these messages, without signals that do not fit, attributes and comments.
+
+        Raises ValueError for a signal in more frames than can be told apart.
+        """
         lines, kept = ['VERSION ""', "NS_ :", "BS_:", "BU_:"], set()
         for message in wanted:
             lines.append(message.line)
@@ -75,8 +89,28 @@ class DbcFile:
                     lines += stated
                     kept.add((message.identifier, name))
             lines.append("")
-        lines += [found[0] for found in _OF_MESSAGE.finditer(self._text) if (int(found[1]), found[2]) in kept]
+        for found in _OF_MESSAGE.finditer(self._text):
+            if (_number(found[1]), found[2]) in kept:
+                lines.append(_checked(found[0]))
         return "\n".join((*lines, ""))
+
+
+def _on_one_line(quoted: re.Match[str]) -> str:
+    text = quoted[0]
+    return text.replace("\r", " ").replace("\n", " ") if len(text) > 1 and text.endswith('"') else text
+
+
+def _number(digits: str) -> int:
+    """No number of a DBC file has more than 32 bits; a larger one is too large everywhere."""
+    return int(digits) if len(digits) <= len(str(_LARGEST)) else _LARGEST
+
+
+def _checked(statement: str) -> str:
+    """The library makes a list of all the numbers of such a statement."""
+    pages = sum(_number(last) - _number(first) for first, last in _RANGE.findall(statement))
+    if pages > _MOST_PAGES:
+        raise ValueError(f"{statement.strip()[:80]}: {pages} selectors; expected at most {_MOST_PAGES}")
+    return statement
 
 
 def _messages(text: str) -> Iterator[DbcMessage]:
@@ -85,7 +119,7 @@ def _messages(text: str) -> Iterator[DbcMessage]:
         if (begun := _MESSAGE.match(line)) is not None:
             if message is not None:
                 yield message
-            message = DbcMessage(int(begun["id"]), begun["name"], int(begun["bytes"]), line)
+            message = DbcMessage(_number(begun["id"]), begun["name"], _number(begun["bytes"]), line)
         elif message is not None and (signal := _SIGNAL.match(line)) is not None:
             message.signals.setdefault(signal["name"], []).append(line)
     if message is not None:

@@ -3,6 +3,7 @@
 cantools reads it; as it takes long to load, it is imported where there is such a file.
 """
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
@@ -11,7 +12,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 from pydantic import Field, PrivateAttr, model_validator
 
 from drivers.base import Quality
-from drivers.can.dbc_file import DbcFile, DbcMessage
+from drivers.bounded_file import bytes_of
+from drivers.can.dbc_file import MOST_DBC_BYTES, DbcFile, DbcMessage
 from drivers.can.multiplex import alone, overlapping, pages_of
 from drivers.can.wanted import WantedFrame
 from drivers.error_words import in_words
@@ -20,6 +22,7 @@ from drivers.problems import suggestion
 from drivers.profile import DeviceProfile
 from drivers.readings import total
 from drivers.section import OTHER_ENCODING, FilePath, Section, wrong
+from drivers.text import Text
 
 if TYPE_CHECKING:
     from cantools.database.can import Database, Message, Signal
@@ -45,19 +48,19 @@ class DbcSignal:
         try:
             decoded = self.message.decode(data, decode_choices=False, scaling=False)
         except (DbcError, ValueError):
-            text = f"frame of {len(data)} bytes does not contain {self.signal.name} of message {self.message.name}"
+            text = Text("can_frame_short", count=len(data), name=self.signal.name, message=self.message.name)
             return Fault(Quality.COMM_FAULT, text)
         if not isinstance(decoded, dict):
-            return Fault(Quality.COMM_FAULT, f"message {self.message.name} holds other messages")
+            return Fault(Quality.COMM_FAULT, Text("can_container", message=self.message.name))
         raw: Any = decoded[self.signal.name]
         if (fault := self.raw.fault(self.rules, raw)) is not None:
             return fault
         value = float(total(raw * self.signal.conversion.scale, self.signal.conversion.offset))
         if not isfinite(value):
-            return Fault(Quality.SENSOR_FAULT, "the device sends no number")
+            return Fault(Quality.SENSOR_FAULT, Text("sends_no_number"))
         low, high = self.signal.minimum, self.signal.maximum
         if (low is not None and value < low) or (high is not None and value > high):
-            return Fault(Quality.OUT_OF_RANGE, f"{value:g} is beyond the range of the DBC file, {low} to {high}")
+            return Fault(Quality.OUT_OF_RANGE, Text("can_beyond", value=value, low=low, high=high))
         return value
 
 
@@ -89,11 +92,11 @@ class CanDbcProfile(DeviceProfile):
         file = self._file()
         stated = [_stated(entry, file, "signal", i) for i, entry in enumerate(self.entries)]
         wanted = {message.name: message for message in stated}
-        messages = {message.name: message for message in self._database(file.only(wanted.values())).messages}
+        messages = {message.name: message for message in self._database(file, wanted.values()).messages}
         for i, entry in enumerate(self.entries):
             if entry.message not in messages:
-                what = f"message {entry.message} has the identifier of another one that a channel uses"
-                raise wrong(f"{what}; give it its own in the DBC file", "signal", i, "message")
+                what = Text("dbc_same_identifier", message=entry.message)
+                raise wrong(what, "signal", i, "message")
         self._signals = tuple(
             _signal(entry, messages[entry.message], "signal", i) for i, entry in enumerate(self.entries)
         )
@@ -101,25 +104,25 @@ class CanDbcProfile(DeviceProfile):
 
     def _file(self) -> DbcFile:
         try:
-            file = DbcFile(self.dbc.read_text(OTHER_ENCODING, "replace"))
+            file = DbcFile(bytes_of(self.dbc, MOST_DBC_BYTES).decode(OTHER_ENCODING, "replace"))
         except OSError as error:
-            raise wrong(f"{self.dbc} cannot be read: {in_words(error)}", "dbc") from error
+            raise wrong(Text("path_unreadable", path=str(self.dbc), why=in_words(error)), "dbc") from error
         if not file.messages:
-            raise wrong(f"{self.dbc} describes no CAN messages", "dbc")
+            raise wrong(Text("dbc_empty", path=str(self.dbc)), "dbc")
         return file
 
-    def _database(self, text: str) -> "Database":
+    def _database(self, file: DbcFile, wanted: Collection[DbcMessage]) -> "Database":
         from cantools.database import load_string
         from cantools.database.can import Database
         from cantools.database.errors import Error as DbcError
 
         try:
             # Not strict: what is wrong with signals that no channel needs does not matter.
-            database = load_string(text, database_format="dbc", strict=False)
+            database = load_string(file.only(wanted), database_format="dbc", strict=False)
         except (DbcError, ValueError) as error:
-            raise wrong(f"{self.dbc} cannot be read: {in_words(error)}", "dbc") from error
+            raise wrong(Text("path_unreadable", path=str(self.dbc), why=in_words(error)), "dbc") from error
         if not isinstance(database, Database):
-            raise wrong(f"{self.dbc} describes no CAN messages", "dbc")
+            raise wrong(Text("dbc_empty", path=str(self.dbc)), "dbc")
         return database
 
     @property
@@ -141,18 +144,24 @@ def _stated(entry: SignalEntry, file: DbcFile, *at: str | int) -> DbcMessage:
     """The message of the entry. Raises an error if it or the signal is not stated exactly once, or does not fit."""
     message = file.messages.get(entry.message)
     if message is None:
-        raise wrong(f"unknown message {entry.message!r}; {suggestion(entry.message, file.messages)}", *at, "message")
+        raise wrong(
+            Text("dbc_no_message", message=entry.message, advice=suggestion(entry.message, file.messages)),
+            *at,
+            "message",
+        )
     if message.name in file.twice:
-        raise wrong(f"the DBC file has several messages {message.name}; rename all but one", *at, "message")
+        raise wrong(Text("dbc_message_twice", message=message.name), *at, "message")
     stated = message.signals.get(entry.name)
     if stated is None:
-        raise wrong(f"unknown signal {entry.name!r}; {suggestion(entry.name, message.signals)}", *at, "name")
+        raise wrong(
+            Text("dbc_no_signal", signal=entry.name, advice=suggestion(entry.name, message.signals)), *at, "name"
+        )
     if len(stated) > 1:
-        what = f"message {message.name} has {len(stated)} signals {entry.name}, such as on several pages"
-        raise wrong(f"{what}; rename all but one in the DBC file", *at, "name")
+        what = Text("dbc_signal_twice", message=message.name, count=len(stated), signal=entry.name)
+        raise wrong(what, *at, "name")
     if not message.whole(entry.name):
-        what = f"by the DBC file {entry.name} does not fit into message {message.name} of {message.bytes} bytes"
-        raise wrong(f"{what}; a number has at most 64 bits", *at, "name")
+        what = Text("dbc_signal_long", signal=entry.name, message=message.name, bytes=message.bytes)
+        raise wrong(what, *at, "name")
     return message
 
 
@@ -160,10 +169,10 @@ def _signal(entry: SignalEntry, message: "Message", *at: str | int) -> DbcSignal
     signals = {signal.name: signal for signal in message.signals}
     signal = signals.get(entry.name)
     if signal is None:
-        what = f"the DBC file states {entry.name}, but not as a signal of message {message.name} that can be read"
-        raise wrong(f"{what}; is identifier {message.frame_id} that of another message too?", *at, "name")
+        what = Text("dbc_signal_lost", signal=entry.name, message=message.name, identifier=message.frame_id)
+        raise wrong(what, *at, "name")
     if other := overlapping(signal, signals):
-        raise wrong(f"by the DBC file {signal.name} and {other} share bits of message {message.name}", *at, "name")
+        raise wrong(Text("dbc_shared_bits", signal=signal.name, other=other, message=message.name), *at, "name")
     raw = RawNumber(signal.name, signal.length, signed=signal.is_signed, real=signal.is_float)
     for number, rule in enumerate(entry.invalid):
         raw.check(rule, *at, "invalid", number)

@@ -28,6 +28,7 @@ from drivers.can.settings import CanInterfaceSettings
 from drivers.can.tapped import TappedInterface
 from drivers.error_words import error_number, in_words
 from drivers.tap import Tap
+from drivers.text import Text
 
 _SERIAL_WAIT_S = 0.1
 """How long one read of the adapter's port blocks. A shorter time would wake the thread for nothing; a longer one
@@ -51,9 +52,9 @@ def open_interface(
     except (can.CanError, OSError, ValueError, ImportError) as error:
         hint = serial_port_hint(error) if settings.interface == "slcan" else _remedy(settings, error)
         raise ConnectError(
-            f"cannot open {settings.interface} {settings.channel}: {in_words(error)}",
+            Text("can_not_open", interface=settings.interface, channel=settings.channel, why=in_words(error)),
             bus=bus,
-            hint=hint or "is the adapter plugged in, or the interface up? another program may have it open",
+            hint=hint or Text("can_plugged"),
         ) from error
     if tap is None:
         return interface
@@ -90,13 +91,12 @@ def serial_port(interface: can.BusABC) -> Serial | None:
 
 
 def interface_error(
-    bus: str, device: str, settings: CanInterfaceSettings, error: Exception, hint: str = "connect the bus again"
+    bus: str, device: str, settings: CanInterfaceSettings, error: Exception, hint: str = Text("connect_bus_again")
 ) -> ConnectError:
     """The error of an interface that was open; `hint` applies when the kernel's error has none."""
-    full = error_number(error) == errno.ENOBUFS
-    what = "cannot send on" if full else "interface"
+    code = "can_full" if error_number(error) == errno.ENOBUFS else "can_gone"
     return ConnectError(
-        f"{what} {settings.channel}{'' if full else ' is gone'}: {in_words(error)}",
+        Text(code, channel=settings.channel, why=in_words(error)),
         bus=bus,
         device=device,
         hint=_remedy(settings, error) or hint,
@@ -108,16 +108,14 @@ def _remedy(settings: CanInterfaceSettings, error: Exception) -> str | None:
     if settings.interface != "socketcan":
         return None
     channel = settings.channel
-    missing = f"{channel} is not among those that `ip link` lists: is the adapter plugged in, its driver loaded?"
-    denied = "this user, service or container is not allowed to open CAN sockets: a container needs the host's network"
+    missing = Text("can_not_listed", channel=channel)
+    denied = Text("can_denied")
     return {
         errno.ENODEV: missing,
         errno.ENXIO: missing,
-        errno.ENETDOWN: f"switch it on: ip link set {channel} up type can bitrate {settings.bitrate} restart-ms 100",
-        errno.ENOBUFS: "the queue is full because no node acknowledges: check bit rate, 60 ohm termination, "
-        "CAN_H and CAN_L, power of the nodes",
-        errno.EAFNOSUPPORT: "the kernel has no CAN (modprobe can_raw), or the service is not allowed to use it "
-        "(RestrictAddressFamilies needs AF_CAN)",
+        errno.ENETDOWN: Text("can_switch_on", channel=channel, bitrate=settings.bitrate),
+        errno.ENOBUFS: Text("can_queue_full"),
+        errno.EAFNOSUPPORT: Text("can_no_kernel"),
         errno.EPERM: denied,
         errno.EACCES: denied,
     }.get(error_number(error) or 0)

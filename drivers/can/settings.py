@@ -3,18 +3,16 @@
 import re
 from collections.abc import Iterable, Mapping
 from ipaddress import ip_address
-from typing import ClassVar, Final, Literal, Self, get_args
+from typing import ClassVar, Literal, Self
 
 from pydantic import ValidationInfo, field_validator, model_validator
 
 from drivers.bus_settings import BusSettings, BusWire, Here
 from drivers.section import NotEmpty, Port, name_beside_the_file, wrong
+from drivers.text import Text, shown
 
 Interface = Literal["socketcan", "slcan", "udp_multicast", "virtual"]
 Bitrate = Literal[10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 1_000_000]
-CAN_INTERFACES: Final[tuple[Interface, ...]] = get_args(Interface)
-
-
 _SYSTEM_NAME = re.compile(r"[^\s/:]{1,15}")
 """Name of a network interface on Linux."""
 
@@ -51,9 +49,9 @@ class CanInterfaceSettings(BusSettings):
     @model_validator(mode="after")
     def _reachable(self) -> Self:
         if self.interface == "udp_multicast" and not is_multicast_group(self.channel):
-            raise wrong(f"{self.channel!r}: expected a multicast group, such as 239.74.163.2", "channel")
+            raise wrong(Text("can_no_group", value=shown(self.channel)), "channel")
         if self.interface == "socketcan" and _SYSTEM_NAME.fullmatch(self.channel) is None:
-            raise wrong(f"{self.channel!r}: expected the system's name of a CAN interface, such as can0", "channel")
+            raise wrong(Text("can_no_interface", value=shown(self.channel)), "channel")
         return self
 
     @classmethod

@@ -16,6 +16,7 @@ from drivers.base import ConnectError
 from drivers.can.interface import interface_error, open_interface, shut
 from drivers.can.settings import CanInterfaceSettings
 from drivers.can.wanted import FrameId
+from drivers.text import Text
 
 _SLICE_S = 0.05
 """How long stopping may take."""
@@ -131,7 +132,7 @@ class CanSurvey:
         try:
             message = self._open().recv(wait_s)
         except (can.CanError, OSError, ValueError) as error:
-            hint = "is it a CAN adapter, and still plugged in?"
+            hint = Text("can_is_adapter")
             raise interface_error(self._bus, "", self._settings, error, hint) from error
         if message is not None:
             heard.take(message)
@@ -140,10 +141,10 @@ class CanSurvey:
         try:
             self._open().send(can.Message(arbitration_id=identifier, data=data, is_extended_id=False))
         except (can.CanError, OSError) as error:
-            hint = "no node acknowledges? check bit rate, 60 ohm termination, CAN_H and CAN_L, power of the nodes"
+            hint = Text("can_no_ack")
             raise interface_error(self._bus, "", self._settings, error, hint) from error
 
     def _open(self) -> can.BusABC:
         if self._interface is None:
-            raise ConnectError("not open", bus=self._bus)
+            raise ConnectError(Text("not_open"), bus=self._bus)
         return self._interface

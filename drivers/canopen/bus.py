@@ -7,7 +7,7 @@ import asyncio
 import logging
 import math
 import queue
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from itertools import cycle
@@ -28,6 +28,7 @@ from drivers.canopen.place import CanObject
 from drivers.canopen.settings import CanOpenSettings
 from drivers.patience import Patience
 from drivers.tap import Tap
+from drivers.text import Text
 
 R = TypeVar("R")
 
@@ -36,6 +37,11 @@ _SDO_READ = 0x40
 _NMT_START = 1
 _LONGEST_NUMBER = 8
 """Bytes of the widest number that a node may hold. A transfer that never ends is aborted beyond that."""
+
+_LONGER = 1.25
+"""Factor of the time that a late answer took: the next one is waited for that long."""
+_LONGEST = 10
+"""Times the timeout, no late answer is waited for longer."""
 
 logging.getLogger("canopen").setLevel(logging.CRITICAL)  # what it logs is raised here as an error
 
@@ -115,11 +121,15 @@ class CanOpenBus:
 
         return await self._in_thread(lambda: [each(wanted) for wanted in objects])
 
-    async def start_node(self, device: str, node: int, identifiers: Sequence[int]) -> None:
-        """Make the node operational (NMT), and keep these TPDOs from the first one on. Raises ConnectError."""
+    async def start_node(self, device: str, node: int, every_s: Mapping[int, float]) -> None:
+        """Make the node operational (NMT), and keep these TPDOs from the first one on. Raises ConnectError.
+
+        every_s: how often each of them is sent on its timer; 0: it is not
+        """
 
         def start() -> None:
-            self._listen(device, identifiers)
+            self._frames.timed(every_s)
+            self._listen(device, tuple(every_s))
             self._send(device, 0, bytes((_NMT_START, node)))
             self._taken_s[node] = monotonic()
 
@@ -137,9 +147,7 @@ class CanOpenBus:
         Both times are monotonic seconds. Raises NoAnswer or ConnectError.
         """
         return await self._in_thread(
-            lambda: self._await_frames(
-                device, node, identifiers, oldest_s, until_s, "did not arrive on the node's timer"
-            )
+            lambda: self._await_frames(device, node, identifiers, oldest_s, until_s, Text("canopen_not_on_timer"))
         )
 
     def events(self, node: int) -> NodeEvents:
@@ -154,7 +162,11 @@ class CanOpenBus:
         fitting = self._fitting.get(node)
         frames_s = self._frames.doubled_s(identifiers)
         by_sdo = (-math.inf, "") if fitting is None else fitting.doubled
-        return max(by_sdo, (frames_s, "SYNC with two frames of one TPDO"))
+        return max(by_sdo, (frames_s, Text("canopen_sync_doubled")))
+
+    def early_s(self, identifiers: Iterable[int]) -> float:
+        """When one of these TPDOs last came sooner than its timer sends it, with other data, monotonic."""
+        return self._frames.early_s(identifiers)
 
     @property
     def _hears_itself(self) -> bool:
@@ -163,7 +175,7 @@ class CanOpenBus:
     async def _in_thread(self, work: Callable[[], R]) -> R:
         """Run in the bus's thread. Cancelling the caller does not stop the work, so no answer is left unread."""
         if self._thread is None:
-            raise ConnectError("not connected", bus=self.name, hint="connect the bus first")
+            raise ConnectError(Text("not_connected"), bus=self.name, hint=Text("connect_bus_first"))
         future = asyncio.get_running_loop().run_in_executor(self._thread, work)
         future.add_done_callback(lambda done: done.cancelled() or done.exception())
         return await asyncio.shield(future)
@@ -192,7 +204,7 @@ class CanOpenBus:
         self, device: str, node: int, objects: Sequence[CanObject], most_bytes: int = _LONGEST_NUMBER
     ) -> list[bytes]:
         if self._network is None:
-            raise ConnectError("not connected", bus=self.name, device=device)
+            raise ConnectError(Text("not_connected"), bus=self.name, device=device)
         if node not in self._network:
             dictionary = canopen.ObjectDictionary()  # type: ignore[no-untyped-call]
             self._network.add_node(canopen.RemoteNode(node, dictionary))
@@ -224,14 +236,14 @@ class CanOpenBus:
         sdo.responses = queue.Queue()
         self._fitting[node].expect(wanted)
         self._send(device, sdo.rx_cobid, bytes((_SDO_READ,)) + address + bytes(4))
-        until = monotonic() + self._settings.timeout_s
+        asked_s = monotonic()
         try:
-            while sdo.responses.get(timeout=max(0.0, until - monotonic()))[1:4] != address:
+            while sdo.responses.get(timeout=max(0.0, asked_s + self._longest_s(node) - monotonic()))[1:4] != address:
                 pass
         except queue.Empty:
             if self._fitting[node].late:
-                raise self._silence(device, node, "no answer", self._settings.timeout_s) from None
-            raise self._unanswered(device, node, wanted, self._settings.timeout_s) from None
+                raise self._silence(device, node, Text("no_answer"), self._longest_s(node)) from None
+            raise self._unanswered(device, node, wanted, self._longest_s(node)) from None
         self._fitting[node].is_in_order()
         self._doubtful.discard(node)
 
@@ -256,7 +268,7 @@ class CanOpenBus:
             self._send(device, _SYNC, b"")
             self._synchronised_s = sent_s
         asked_s, wait_s = self._synchronised_s, self._patience.wait_s(node, _SYNC)
-        failing, hurried = "did not arrive after SYNC", wait_s < self._settings.timeout_s
+        failing, hurried = Text("canopen_not_after_sync"), wait_s < self._settings.timeout_s
         found = self._await_frames(device, node, identifiers, asked_s, asked_s + wait_s, failing, hurried=hurried)
         self._patience.answered(node, _SYNC, max(frame.came_s for frame in found.values()) - asked_s)
         self._taken_s[node] = asked_s
@@ -264,7 +276,7 @@ class CanOpenBus:
 
     def _listen(self, device: str, identifiers: Sequence[int]) -> None:
         if self._network is None:
-            raise ConnectError("not connected", bus=self.name, device=device)
+            raise ConnectError(Text("not_connected"), bus=self.name, device=device)
         for identifier in identifiers:
             self._network.subscribe(identifier, self._frames.put)
 
@@ -283,12 +295,18 @@ class CanOpenBus:
         found = self._frames.since(oldest_s, identifiers, until_s)
         if missing := sorted(set(identifiers) - set(found)):
             listed = ", ".join(f"0x{identifier:03X}" for identifier in missing)
-            raise self._silence(device, node, f"TPDO {listed} {failing}", until_s - oldest_s, hurried=hurried)
+            raise self._silence(
+                device,
+                node,
+                Text("canopen_tpdo_failing", listed=listed, failing=failing),
+                until_s - oldest_s,
+                hurried=hurried,
+            )
         return found
 
     def _send(self, device: str, identifier: int, data: bytes) -> None:
         if self._network is None:
-            raise ConnectError("not connected", bus=self.name, device=device)
+            raise ConnectError(Text("not_connected"), bus=self.name, device=device)
         try:
             self._network.send_message(identifier, data)
         except (can.CanError, OSError) as error:
@@ -296,7 +314,9 @@ class CanOpenBus:
 
     def _one(self, sdo: Any, device: str, node: int, wanted: CanObject, most_bytes: int) -> bytes:
         data = b""
-        sdo.RESPONSE_TIMEOUT = self._patience.wait_s(node, wanted)
+        longest_s = self._longest_s(node)
+        is_slow = longest_s > self._settings.timeout_s
+        sdo.RESPONSE_TIMEOUT = longest_s if is_slow else self._patience.wait_s(node, wanted)
         self._fitting[node].expect(wanted)
         asked_s = monotonic()
         try:
@@ -307,10 +327,10 @@ class CanOpenBus:
                 data = Uncounted(data)
         except SdoAbortedError as error:
             raise Refused(
-                f"node {node} refused object {wanted}: {error}",
+                Text("canopen_refused", node=node, wanted=str(wanted), error=str(error)),
                 bus=self.name,
                 device=device,
-                hint="does the profile fit the device?",
+                hint=Text("profile_fits"),
             ) from error
         except SdoCommunicationError as error:
             raise self._communication(device, node, wanted, error, sdo.RESPONSE_TIMEOUT) from error
@@ -318,13 +338,24 @@ class CanOpenBus:
             raise interface_error(self.name, device, self._settings, error) from error
         if not 0 < len(data) <= most_bytes:
             self._doubtful.add(node)
-            size = f"more than {most_bytes} bytes" if data else "nothing"
-            raise BadAnswer(f"node {node}, object {wanted} holds {size}", bus=self.name, device=device)
+            size = Text("more_bytes", most=most_bytes) if data else Text("canopen_nothing")
+            raise BadAnswer(
+                Text("canopen_holds", node=node, wanted=str(wanted), size=size), bus=self.name, device=device
+            )
         if segments.size and len(data) != segments.size:
-            what = f"node {node} sent {len(data)} bytes of object {wanted}, but said {segments.size}"
+            what = Text("canopen_sent", node=node, count=len(data), wanted=str(wanted), size=segments.size)
             raise BadAnswer(what, bus=self.name, device=device)
         self._patience.answered(node, wanted, monotonic() - asked_s)
         return data
+
+    def _longest_s(self, node: int) -> float:
+        """How long an answer may take: longer than the timeout, if that is not enough and no other node waits."""
+        timeout_s = self._settings.timeout_s
+        return (
+            timeout_s
+            if len(self._fitting) > 1
+            else min(max(timeout_s, _LONGER * self._fitting[node].late_s), _LONGEST * timeout_s)
+        )
 
     def _communication(
         self, device: str, node: int, wanted: CanObject, error: Exception, waited_s: float
@@ -332,13 +363,15 @@ class CanOpenBus:
         if isinstance(error.__context__, queue.Empty):  # canopen's queue of responses
             return self._unanswered(device, node, wanted, waited_s)
         self._doubtful.add(node)
-        return BadAnswer(f"node {node}, object {wanted}: {error}", bus=self.name, device=device)
+        return BadAnswer(
+            Text("canopen_object_error", node=node, wanted=str(wanted), error=str(error)), bus=self.name, device=device
+        )
 
     def _unanswered(self, device: str, node: int, wanted: CanObject, waited_s: float) -> DriverError:
-        silence = self._silence(device, node, "no answer", waited_s, hurried=waited_s < self._settings.timeout_s)
+        silence = self._silence(device, node, Text("no_answer"), waited_s, hurried=waited_s < self._settings.timeout_s)
         if not (other := self._fitting[node].other) or not isinstance(silence, NoAnswer):
             return silence
-        what = f"node {node}: {other.hex(' ')} is not an answer to a request for object {wanted}"
+        what = Text("canopen_no_answer_to", node=node, bytes=other.hex(" "), wanted=str(wanted))
         return BadAnswer(what, bus=self.name, device=device)
 
     def _silence(self, device: str, node: int, what: str, waited_s: float, *, hurried: bool = False) -> DriverError:
@@ -346,10 +379,12 @@ class CanOpenBus:
         self._patience.missed(node)
         if (lost := self._network.notifier.exception) is not None:
             return interface_error(self.name, device, self._settings, lost)
+        late = node in self._fitting and self._fitting[node].late
         return NoAnswer(
-            f"node {node}: {what} within {waited_s:.3g} s",
+            Text("canopen_silent", node=node, what=what, waited_s=waited_s),
             hurried=hurried,
+            heard=late,
             bus=self.name,
             device=device,
-            hint="check power, termination (60 ohm between CAN_H and CAN_L), node id and bitrate",
+            hint=Text("canopen_later" if late else "canopen_check"),
         )

@@ -10,6 +10,7 @@ from drivers.canopen.profile import STATUS_BITS, Cia404Profile, Scaling
 from drivers.canopen.settings import Cia404Options
 from drivers.faults import Fault, first_fault
 from drivers.readings import ReadingMaker, total
+from drivers.text import Text
 
 DEVICE_TYPE = 0x1000
 SENSOR_TYPE = 0x6110
@@ -81,7 +82,9 @@ class Cia404Device:
         reader = self._reader
         (device_type,) = await reader.upload(CanObject(DEVICE_TYPE, 0))
         if (number := int.from_bytes(device_type, "little") & 0xFFFF) != _CIA_404:
-            raise reader.wrong(f"node {self._node} follows device profile {number}, not 404", hint="check the node id")
+            raise reader.wrong(
+                Text("cia404_other_profile", node=self._node, number=number), hint=Text("canopen_check_id")
+            )
         scales: dict[int, Scaling] = {}
         absent: dict[int, Refused] = {}
         for channel, number in self._channels.items():
@@ -100,9 +103,9 @@ class Cia404Device:
         if (kind := int.from_bytes(sensor, "little")) not in self._profile.sensor_types:
             right = ", ".join(map(str, sorted(self._profile.sensor_types)))
             raise self._reader.wrong(
-                f"sensor type {kind} at input {number}",
+                Text("cia404_sensor_type", kind=kind, number=number),
                 channel,
-                f"set object 6110:{number + 1:02X} to one of {right}",
+                Text("cia404_set_type", number=number + 1, right=right),
             )
         return self._profile.field_scaling or await self._process_scaling(channel, number)
 
@@ -132,31 +135,30 @@ class Cia404Device:
         )
         if (code := int.from_bytes(unit, "little")) != self._profile.unit_code:
             raise self._reader.wrong(
-                f"unit 0x{code:08X} at input {number} is not {self._profile.unit}",
+                Text("cia404_unit", code=code, number=number, unit=self._profile.unit),
                 channel,
-                f"set object 6131:{number + 1:02X} to 0x{self._profile.unit_code:08X}",
+                Text("cia404_set_unit", number=number + 1, unit_code=self._profile.unit_code),
             )
         if (places := int.from_bytes(digits, "little")) > _MOST_DIGITS:
             raise self._reader.wrong(
-                f"{places} decimal digits at input {number}: a 32-bit value has at most {_MOST_DIGITS}",
+                Text("cia404_digits", places=places, number=number, most=_MOST_DIGITS),
                 channel,
-                f"set object 6132:{number + 1:02X} to the digits of the process value",
+                Text("cia404_set_digits", number=number + 1),
             )
         return Scaling(scale=10.0**-places)
 
     def _value(self, number: int, value: bytes, status: int) -> float | Fault:
         if status:
-            unknown = Fault(Quality.SENSOR_FAULT, f"status 0x{status:02X}, which the profile does not define")
+            unknown = Fault(Quality.SENSOR_FAULT, Text("canopen_status_undefined", status=status))
             fault = first_fault(self._rules, status & STATUS_BITS) or unknown
-            emergency = self._bus.events(self._node).emergency
-            return fault if emergency is None else Fault(fault.quality, f"{fault.detail}; the node reports {emergency}")
+            return self._bus.events(self._node).with_emergency(fault)
         size = self._profile.value_bytes
         if len(value) < size or (len(value) > size and not isinstance(value, Uncounted)):
-            what = f"object {self._profile.value_object:04X} holds {len(value)} bytes, not {size}"
+            what = Text("cia404_holds", object=self._profile.value_object, count=len(value), size=size)
             return Fault(Quality.COMM_FAULT, what)
         raw, scaling = int.from_bytes(value[:size], "little", signed=True), self._scales[number]
         if raw in (-(1 << 8 * size - 1), (1 << 8 * size - 1) - 1):  # what converters send that have no value, or no end
-            return Fault(Quality.OUT_OF_RANGE, f"0x{raw % (1 << 8 * size):0{2 * size}X}, the end of what it can send")
+            return Fault(Quality.OUT_OF_RANGE, Text("cia404_end", raw=f"{raw % (1 << 8 * size):0{2 * size}X}"))
         return total(raw * scaling.scale, scaling.offset)
 
 

@@ -5,8 +5,10 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 
+from drivers.bounded_file import bytes_of
 from drivers.canopen.place import CanObject
 from drivers.section import OTHER_ENCODING
+from drivers.text import Text
 
 _SECTION = re.compile(r"\s*\[([^\]]*)\]")
 _VARIABLES = (0x02, 0x07)
@@ -14,6 +16,7 @@ _VARIABLES = (0x02, 0x07)
 _UNSIGNED8 = 0x05
 _LAST_OWN_TYPE = 0x1B
 """Data types beyond are described by an object of their own."""
+_MOST_BYTES = 2**23
 _UTF_16 = codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE
 
 
@@ -28,7 +31,7 @@ class EdsFile:
         self._twice: set[tuple[str, str]] = set()
         section: dict[str, str] = {}
         name = ""
-        for line in _text(path.read_bytes()).splitlines():
+        for line in _text(bytes_of(path, _MOST_BYTES)).splitlines():
             if (begun := _SECTION.match(line)) is not None:
                 name = begun[1].strip().lower()
                 section = self._sections.setdefault(name, {})
@@ -53,14 +56,14 @@ class EdsFile:
             return EdsEntry(self, f"{index}sub{place.subindex:x}", own)
         if whole is None:
             parts = any(name.startswith(f"{index}sub") for name in self._sections)
-            raise ValueError(f"the EDS has no object {place if parts else index.upper()}")
+            raise ValueError(Text("eds_no_object", object=str(place) if parts else index.upper()))
         if (count := _number(whole.get("compactsubobj"))) and place.subindex <= count:
             is_count = place.subindex == 0
             return EdsEntry(self, index, {"datatype": str(_UNSIGNED8), "accesstype": "ro"} if is_count else whole)
         if _number(whole.get("objecttype"), 0x07) not in _VARIABLES:
-            raise ValueError(f"the EDS has no object {place}")
+            raise ValueError(Text("eds_no_object", object=str(place)))
         if place.subindex:
-            raise ValueError(f"{place.subindex}: by the EDS object {index.upper()} is one number, sub-index 0")
+            raise ValueError(Text("eds_one_number", subindex=place.subindex, object=index.upper()))
         return EdsEntry(self, index, whole)
 
     def is_stated_twice(self, section: str, key: str) -> bool:
@@ -86,7 +89,7 @@ class EdsEntry:
     def data_type(self) -> int | None:
         """Its number (CiA 301, table 44); None: the file does not say. Raises ValueError if it says two."""
         if self._file.is_stated_twice(self._section, "datatype"):
-            raise ValueError(f"the EDS states two data types of {self._section.upper()}")
+            raise ValueError(Text("eds_two_types", object=self._section.upper()))
         kind = _number(self._values.get("datatype"))
         return kind if kind is None or kind <= _LAST_OWN_TYPE else self._file.own_type(kind)
 

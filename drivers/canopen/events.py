@@ -5,6 +5,9 @@ from collections import deque
 from dataclasses import dataclass
 from time import monotonic
 
+from drivers.faults import Fault
+from drivers.text import Text
+
 _EMERGENCY = struct.Struct("<HB")
 _BOOT_UP = 0
 _BEATS = 12
@@ -22,8 +25,9 @@ class Emergency:
     register: int
     """Error register, object 1001."""
 
-    def __str__(self) -> str:
-        return f"emergency 0x{self.code:04X}, error register 0x{self.register:02X}"
+    @property
+    def text(self) -> Text:
+        return Text("emergency", code=self.code, register=self.register)
 
 
 class NodeEvents:
@@ -38,6 +42,13 @@ class NodeEvents:
         """Monotonic seconds of its last heartbeat or boot-up."""
         self.beats: deque[float] = deque(maxlen=2 * _BEATS + 1)
         """Monotonic seconds of its last heartbeats, boot-ups not counted."""
+
+    def with_emergency(self, fault: Fault) -> Fault:
+        """The fault, with the emergency that the node reports."""
+        if self.emergency is None:
+            return fault
+        said = Text("canopen_emergency", detail=fault.detail, emergency=self.emergency.text)
+        return Fault(fault.quality, said)
 
     def on_emergency(self, can_id: int, data: bytes | bytearray, timestamp: float) -> None:  # noqa: ARG002
         """Callback for frames 0x80 + node. A code 00xx clears emergencies; a short frame is ignored."""

@@ -6,6 +6,7 @@ from drivers.canopen.profile import Cia404Profile
 from drivers.canopen.settings import CanOpenSettings, Cia404Options, NodeOptions
 from drivers.family import BusKind, DeviceKind, Family, PlacedDevice
 from drivers.tap import Tap
+from drivers.text import Text
 
 
 def _bus(name: str, settings: CanOpenSettings, tap: Tap | None) -> Bus:
@@ -35,10 +36,11 @@ def _any_node(device: PlacedDevice[CanOpenProfile, NodeOptions], bus: Bus, clock
 def _check_vendor(device: PlacedDevice[Cia404Profile, Cia404Options]) -> None:
     vendor, profile = device.options.vendor, device.profile
     if vendor is not None and vendor not in profile.vendors:
-        known = ", ".join(profile.vendors)
+        known = tuple(profile.vendors)
         raise device.error(
-            f"vendor = {vendor!r} is not in profile {profile.name}",
-            hint=f"it has {known}" if known else "it has no [vendor] section: leave this option out",
+            Text("vendor_absent", vendor=vendor, profile=profile.name),
+            field=("vendor",),
+            hint=Text("vendors_known", names=known) if known else Text("vendor_none"),
         )
 
 

@@ -1,7 +1,7 @@
 """Frames on a CANopen bus: the filter for the library, and the latest frames that nodes send without being asked."""
 
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Mapping
 from math import inf
 from threading import Condition
 from time import monotonic
@@ -11,6 +11,7 @@ import can
 
 from drivers.can.bus import KeptFrame
 from drivers.canopen.place import CanObject
+from drivers.text import Text
 
 _SDO_ANSWERS = range(0x581, 0x600)
 _SDO_BYTES = 8
@@ -25,6 +26,8 @@ _UPLOAD = 0x40
 """First byte of a request to read an object."""
 _MOST_DUE = 4
 """How many missing frames of a TPDO are counted: that many may come late."""
+_EARLY = 0.7
+"""A TPDO that comes after less than this share of its timer is early; of two nodes, each second one is."""
 _TOGGLE = 0x10
 """Bit of the first byte of an SDO answer that changes from segment to segment."""
 
@@ -52,6 +55,10 @@ class LatestFrames:
         """How many frames may come of each TPDO that is sent once after each SYNC."""
         self._doubled_s: dict[int, float] = {}
         """When such a TPDO last came once too often, with other data."""
+        self._every_s: dict[int, float] = {}
+        """How often each TPDO is sent on its timer."""
+        self._early_s: dict[int, float] = {}
+        """When such a TPDO last came sooner, with other data."""
 
     def synchronous(self, identifiers: Iterable[int]) -> None:
         """These are sent once after each SYNC."""
@@ -69,10 +76,23 @@ class LatestFrames:
         with self._news:
             return max((self._doubled_s.get(identifier, -inf) for identifier in identifiers), default=-inf)
 
+    def timed(self, every_s: Mapping[int, float]) -> None:
+        """These are sent on a timer, this often."""
+        with self._news:
+            self._every_s |= every_s
+
+    def early_s(self, identifiers: Iterable[int]) -> float:
+        """When one of these last came sooner than its timer sends it, with other data, monotonic; -infinity: never."""
+        with self._news:
+            return max((self._early_s.get(identifier, -inf) for identifier in identifiers), default=-inf)
+
     def put(self, identifier: int, data: bytes | bytearray, _timestamp: float) -> None:
         """A callback of the canopen library."""
         with self._news:
             kept = KeptFrame(monotonic(), bytes(data))
+            before, every_s = self._came.get(identifier), self._every_s.get(identifier, 0.0)
+            if before is not None and kept.came_s - before.came_s < _EARLY * every_s and before.data != kept.data:
+                self._early_s[identifier] = kept.came_s
             if (due := self._due.get(identifier)) is not None:
                 self._due[identifier] = max(0, due - 1)
                 if not due and self._came[identifier].data != kept.data:
@@ -106,10 +126,13 @@ class FittingAnswers:
     def __init__(self, take: Callable[[int, bytes, float], object]) -> None:
         self._take = take
         self._address = b""
-        self._asked = set[bytes]()
+        self._asked: dict[bytes, float] = {}
+        """When each object was last asked for, monotonic."""
         self._toggle: int | None = None
         self.other = b""
         """The last answer since the request that did not fit; empty if there was none."""
+        self.late_s = 0.0
+        """How long the last late answer took."""
         self._due = Counter[bytes]()
         """How many answers may still come, by object."""
         self._latest = b""
@@ -125,7 +148,7 @@ class FittingAnswers:
     def expect(self, wanted: CanObject) -> None:
         """The next request is for this object."""
         self._address = wanted.index.to_bytes(2, "little") + bytes((wanted.subindex,))
-        self._asked.add(self._address)
+        self._asked[self._address] = monotonic()
         self._due[self._address] += 1
         self._toggle, self.other = None, b""
 
@@ -147,6 +170,8 @@ class FittingAnswers:
             self._take(identifier, answer, timestamp)
         else:
             self.other = answer
+            if self.late:
+                self.late_s = monotonic() - self._asked[answer[1:4]]
 
     def _is_second(self, answer: bytes) -> bool:
         """Whether the latest answer comes again where none is due; notes it if it differs."""
@@ -160,7 +185,15 @@ class FittingAnswers:
             return False
         if first != answer:
             index, sub = int.from_bytes(address[:2], "little"), address[2]
-            self.doubled = monotonic(), f"{CanObject(index, sub)} with {first.hex(' ')} and {answer.hex(' ')}"
+            self.doubled = (
+                monotonic(),
+                Text(
+                    "canopen_answered_twice",
+                    place=str(CanObject(index, sub)),
+                    one=first.hex(" "),
+                    other=answer.hex(" "),
+                ),
+            )
         return True
 
     def _fits(self, data: bytes) -> bool:

@@ -12,6 +12,7 @@ from drivers.canopen.settings import NodeOptions
 from drivers.faults import Fault
 from drivers.number_types import BYTE_FORMATS, raw_number
 from drivers.readings import ReadingMaker
+from drivers.text import Text
 
 _IDENTITY = 0x1018
 
@@ -73,7 +74,8 @@ class CanOpenDevice:
             (data,) = await reader.upload(CanObject(_IDENTITY, subindex))
             if (found := int.from_bytes(data, "little")) != wanted:
                 raise reader.wrong(
-                    f"node {self._node} has {name} 0x{found:X}, not 0x{wanted:X}", hint="check node id and profile"
+                    Text("canopen_identity", node=self._node, name=name, found=found, wanted=wanted),
+                    hint=Text("canopen_check_profile"),
                 )
         places = tuple(dict.fromkeys(profile.objects[number].place for number in self._channels.values()))
         readable = await reader.upload_each(places)
@@ -86,11 +88,10 @@ class CanOpenDevice:
         if isinstance(data, Uncounted):
             data = data[: form.size]
         if len(data) != form.size:
-            text = f"object {entry.place} holds {len(data)} bytes, but a {kind} takes {form.size}"
+            text = Text("canopen_bytes", place=str(entry.place), count=len(data), kind=kind, size=form.size)
             return Fault(Quality.COMM_FAULT, text)
         (raw,) = form.unpack(data)
         fault = raw_number(kind, str(entry.place)).fault(entry.invalid, raw)
         if fault is not None:
-            emergency = self._bus.events(self._node).emergency
-            return fault if emergency is None else Fault(fault.quality, f"{fault.detail}; the node reports {emergency}")
+            return self._bus.events(self._node).with_emergency(fault)
         return entry.value(raw)

@@ -15,6 +15,7 @@ from drivers.canopen.pdo import COMMUNICATION, EVERY_SYNC, MAPPING, ON_EVENTS, T
 from drivers.canopen.place import CanObject
 from drivers.canopen.settings import NodeOptions
 from drivers.faults import Fault
+from drivers.text import Text
 
 PRODUCER_TIME = 0x1017
 _PRODUCER_TIMES = 3
@@ -22,9 +23,7 @@ _PRODUCER_TIMES = 3
 _SERIAL_NUMBER = CanObject(0x1018, 4)
 _DOUBLED_S = 10.0
 """How long two nodes with one id are remembered after both were last heard."""
-_NO_HEARTBEAT = Fault(
-    Quality.STALE, "the node answers, but its heartbeat stopped: its firmware may hang; switch it off and on"
-)
+_NO_HEARTBEAT = Fault(Quality.STALE, Text("canopen_heartbeat_stopped"))
 
 
 class NodeReader:
@@ -66,6 +65,8 @@ class NodeReader:
         self._before_s = -inf
         """When the one before it did."""
         self._has_serial_number = True
+        self._asked_early_s = -inf
+        """When the node was last asked for what came too early."""
 
     def ask(self, objects: Sequence[CanObject]) -> None:
         """Read these objects from now on."""
@@ -81,7 +82,8 @@ class NodeReader:
         if self._transfer != "sdo":
             self._maps = await self._pdo_maps()
             self._started_s = monotonic()
-            await self._bus.start_node(self._device, self._node, [pdo.identifier for pdo in self._maps])
+            every_s = {pdo.identifier: pdo.event_s for pdo in self._maps}
+            await self._bus.start_node(self._device, self._node, every_s)
         self._ready, self._boots = True, boots
         demanded = self._heartbeat_s > 0
         self._heartbeat.begin(limit_s, monotonic(), demanded=demanded, producer_s=producer_s)
@@ -97,10 +99,10 @@ class NodeReader:
         if objects is None:
             self._ready = False
             raise BadAnswer(
-                f"node {self._node} restarted twice while it was read",
+                Text("canopen_restarted", node=self._node),
                 bus=self._bus.name,
                 device=self._device,
-                hint="check its power supply",
+                hint=Text("check_supply"),
             )
         return objects
 
@@ -112,11 +114,10 @@ class NodeReader:
         synchronous = [pdo.identifier for pdo in self._maps] if self._transfer == "sync" else []
         doubled_s, how = self._bus.doubled(self._node, synchronous)
         if doubled_s >= min(max(0.0, self._before_s), now_s - _DOUBLED_S):
-            what = f"two nodes have id {self._node}: they answered {how}; give one of them another id"
+            what = Text("canopen_two_nodes", node=self._node, how=how)
             return Fault(Quality.COMM_FAULT, what)
         if self._heartbeat.doubled:
-            what = f"heartbeats of node {self._node} come twice as often as it states: two nodes have its id"
-            return Fault(Quality.COMM_FAULT, f"{what}, or its object 1017 was changed; restart it")
+            return Fault(Quality.COMM_FAULT, Text("canopen_heartbeats_doubled", node=self._node))
         return _NO_HEARTBEAT if self._heartbeat.silent_s(now_s) is not None else None
 
     def ages_s(self, channels: Mapping[str, Sequence[CanObject]]) -> dict[str, float]:
@@ -172,6 +173,17 @@ class NodeReader:
             except (NoAnswer, BadAnswer, Refused):  # it is optional
                 self._has_serial_number = False
 
+    async def _ask_early_ones(self) -> None:
+        """A TPDO that comes sooner than its timer sends it may be sent on an event, or by a second node with this id:
+        both nodes answer when they are asked for what is in it, the second one while the object is asked for again."""
+        early = [m for m in self._maps if self._bus.early_s([m.identifier]) > self._asked_early_s]
+        now_s = monotonic()
+        if not early or now_s - self._asked_early_s < _DOUBLED_S / 2:
+            return
+        self._asked_early_s = now_s
+        objects = [place for pdo in early for place in self._wanted if place in pdo.places]
+        await self._bus.upload_each(self._device, self._node, [place for place in objects for _ in range(2)])
+
     async def _heartbeat_limit_s(self) -> tuple[float, float]:
         """Consumer time, s, 0 if no heartbeat is expected, and the time that the node states.
 
@@ -183,10 +195,10 @@ class NodeReader:
             producer = b""
         producer_s = int.from_bytes(producer[:2], "little") / 1000
         if self._heartbeat_s and not 0 < producer_s < self._heartbeat_s:
-            sends = f"every {producer_s:g} s" if producer_s else "never"
+            sends = Text("canopen_every_s", s=producer_s) if producer_s else Text("never")
             raise self.wrong(
-                f"node {self._node} sends its heartbeat {sends}, but heartbeat_s = {self._heartbeat_s:g}",
-                hint="set object 1017:00 to a third of that, in ms, or leave heartbeat_s out",
+                Text("canopen_heartbeat", node=self._node, sends=sends, wanted_s=self._heartbeat_s),
+                hint=Text("canopen_set_heartbeat"),
             )
         return self._heartbeat_s or _PRODUCER_TIMES * producer_s, producer_s
 
@@ -209,15 +221,19 @@ class NodeReader:
             # One more interval, so that no node counts as lost on a computer that was briefly busy.
             until_s = max(self._started_s + self._bus.timeout_s, now_s + interval_s)
             frames = await self._bus.latest(self._device, self._node, identifiers, oldest_s, until_s)
+            await self._ask_early_ones()
         objects: dict[CanObject, list[bytes]] = {}
         self._came_s = {}
         for pdo in self._maps:
             frame = frames[pdo.identifier]
             for place, data in pdo.decode(frame.data).items():
                 objects[place], self._came_s[place] = [data], frame.came_s
-        short = "object {} is missing in its TPDO, which is shorter than its mapping".format
         lost: dict[CanObject, DriverError] = {
-            wanted: BadAnswer(short(wanted), bus=self._bus.name, device=self._device)
+            wanted: BadAnswer(
+                Text("canopen_tpdo_short", wanted=str(wanted)),
+                bus=self._bus.name,
+                device=self._device,
+            )
             for wanted in self._wanted
             if wanted not in objects
         }
@@ -245,7 +261,7 @@ class NodeReader:
                 found.append(await self._timed(number, kind[0], pdo))
         for wanted in self._wanted:
             if not any(wanted in pdo.places for pdo in found):
-                raise self.wrong(f"object {wanted} is not mapped to any TPDO", hint="map it, or use transfer = 'sdo'")
+                raise self.wrong(Text("canopen_not_mapped", wanted=str(wanted)), hint=Text("canopen_map_it"))
         return tuple(found)
 
     async def _timed(self, number: int, kind: int, pdo: PdoMap) -> PdoMap:
@@ -253,8 +269,8 @@ class NodeReader:
         right = (EVERY_SYNC,) if self._transfer == "sync" else ON_EVENTS
         if kind not in right:
             raise self.wrong(
-                f"TPDO {number + 1} has transmission type {kind}, not {right[-1]}",
-                hint=f"set object {COMMUNICATION + number:04X}:02 to {right[-1]}, or use another transfer",
+                Text("canopen_transmission", number=number + 1, kind=kind, right=right[-1]),
+                hint=Text("canopen_set_transmission", object=COMMUNICATION + number, right=right[-1]),
             )
         if self._transfer == "sync":
             return pdo
@@ -265,9 +281,9 @@ class NodeReader:
             interval = b""
         event_s = int.from_bytes(interval[:2], "little") / 1000
         if not 0 < event_s < self._bus.timeout_s:
-            sends = f"sent every {event_s:g} s" if event_s else "never sent on a timer"
+            sends = Text("canopen_sent_every_s", s=event_s) if event_s else Text("canopen_never_sent")
             raise self.wrong(
-                f"TPDO {number + 1} is {sends}, but timeout_s = {self._bus.timeout_s:g}",
-                hint=f"set object {timer} to less than that, in ms; best to a third of the polling period",
+                Text("canopen_tpdo_slow", number=number + 1, sends=sends, timeout_s=self._bus.timeout_s),
+                hint=Text("canopen_set_timer", timer=str(timer)),
             )
         return replace(pdo, event_s=event_s)

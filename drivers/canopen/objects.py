@@ -14,6 +14,7 @@ from drivers.faults import NumberRule
 from drivers.number_types import ByteNumber, raw_number
 from drivers.profile import DeviceProfile, LinearValue
 from drivers.section import FilePath, wrong
+from drivers.text import Text, text_of
 
 _IN_EDS: Final[Mapping[int, ByteNumber]] = {
     0x01: "bool", 0x02: "int8", 0x03: "int16", 0x04: "int32", 0x05: "uint8", 0x06: "uint16", 0x07: "uint32",
@@ -63,7 +64,7 @@ class CanOpenProfile(DeviceProfile):
             at: tuple[str | int, ...] = ("object", number)
             kind = entry.type if file is None else _in(file, entry, *at)
             if kind is None:
-                raise wrong("missing; state it, or give the node's EDS file as eds", *at, "type")
+                raise wrong(Text("eds_or_type"), *at, "type")
             for i, rule in enumerate(entry.invalid):
                 raw_number(kind, str(entry.place)).check(rule, *at, "invalid", i)
             types.append(kind)
@@ -90,9 +91,9 @@ def _read(path: Path) -> EdsFile:
     try:
         file = EdsFile(path)
     except OSError as error:
-        raise wrong(f"{path} cannot be read: {in_words(error)}", "eds") from error
+        raise wrong(Text("path_unreadable", path=str(path), why=in_words(error)), "eds") from error
     if file.is_empty:
-        raise wrong(f"{path} cannot be read: it has no sections, such as [1000]", "eds")
+        raise wrong(Text("eds_empty", path=str(path)), "eds")
     return file
 
 
@@ -105,14 +106,16 @@ def _in(file: EdsFile, entry: ObjectEntry, *at: str | int) -> ByteNumber | None:
         found = file.entry(entry.place)
         data_type = found.data_type
     except ValueError as error:
-        raise wrong(str(error), *at, "index" if entry.subindex == 0 else "subindex") from error
+        raise wrong(text_of(error), *at, "index" if entry.subindex == 0 else "subindex") from error
     if not found.is_readable:
-        raise wrong(f"by the EDS object {entry.place} ({found.name}) cannot be read", *at, "index")
+        raise wrong(Text("eds_not_readable", object=str(entry.place), name=found.name), *at, "index")
     if data_type is None:
         return entry.type
     kind = _IN_EDS.get(data_type)
     if kind is None:
-        raise wrong(f"by the EDS object {entry.place} ({found.name}) is no number", *at, "index")
+        raise wrong(Text("eds_no_number", object=str(entry.place), name=found.name), *at, "index")
     if entry.type not in (None, kind):
-        raise wrong(f"'{entry.type}', but by the EDS object {entry.place} ({found.name}) is {kind}", *at, "type")
+        raise wrong(
+            Text("eds_other_type", type=entry.type, object=str(entry.place), name=found.name, stated=kind), *at, "type"
+        )
     return kind

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+from drivers.text import Text, shown
+
 
 @dataclass(frozen=True, slots=True)
 class CanObject:
@@ -17,9 +19,9 @@ class CanObject:
         try:
             found = cls(int(index, 16), int(subindex or "0", 16))
         except ValueError:
-            raise ValueError(f"{text!r}: expected index:subindex in hexadecimal, such as 2100:01") from None
+            raise ValueError(Text("object_form", value=shown(text))) from None
         if not (0x1000 <= found.index <= 0xFFFF and found.subindex <= 0xFF):
-            raise ValueError(f"{text!r}: expected an index of 1000 to FFFF and a subindex of 00 to FF")
+            raise ValueError(Text("object_beyond", value=shown(text)))
         return found
 
     def __str__(self) -> str:

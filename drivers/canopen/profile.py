@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 from drivers.faults import CodeRule, check_code
 from drivers.profile import DeviceProfile
 from drivers.section import Section, wrong
+from drivers.text import Text
 
 _FIELD_VALUES = ("7100", "9100")
 STATUS_BITS: Final = 0xFF
@@ -38,11 +39,11 @@ class ValueObject(Section):
         if self.object not in _FIELD_VALUES:
             for name in ("scale", "offset"):
                 if getattr(self, name) is not None:
-                    raise wrong("the node states the scaling of its process value; omit this key", name)
+                    raise wrong(Text("cia404_states_scale"), name)
         elif self.scale is None:
-            raise wrong("missing; no object states the scaling of a field value", "scale")
+            raise wrong(Text("cia404_no_scale"), "scale")
         elif self.scale == 0:
-            raise wrong("0 would make every value the same", "scale")
+            raise wrong(Text("zero_scale"), "scale")
         return self
 
 
@@ -86,9 +87,9 @@ class Cia404Profile(DeviceProfile):
     def _fitting(self) -> Self:
         of_field = self.value.object in _FIELD_VALUES
         if of_field and self.physical_unit is not None:
-            raise wrong("no object states the unit of a field value; omit this table", "physical_unit")
+            raise wrong(Text("cia404_no_unit"), "physical_unit")
         if not of_field and self.physical_unit is None:
-            raise wrong("missing; object 6131 states the unit of a process value", "physical_unit")
+            raise wrong(Text("cia404_no_physical_unit"), "physical_unit")
         for name, vendor in self.vendors.items():
             for number, rule in enumerate(vendor.status):
                 check_code(rule, STATUS_BITS, "vendor", name, "status", number)

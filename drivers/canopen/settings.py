@@ -26,7 +26,7 @@ class NodeOptions(Section):
 
     transfer: Literal["sdo", "sync", "timer"] = "sdo"
     """`sdo`: request each value; `sync`: send SYNC and receive the node's TPDOs, which loads the bus much less;
-    `timer`: send nothing and receive the TPDOs that the node sends on its event timer."""
+    `timer`: receive the TPDOs that the node sends on its event timer."""
     heartbeat_s: float = Field(default=0.0, ge=0, le=600)
     """How long the node's heartbeat may be absent (consumer time). 0: three times the producer time in the node's
     object 1017; a node that sends no heartbeat is then not monitored."""

@@ -17,6 +17,7 @@ from drivers.micro_epsilon.scaling import Renewal, counted_um
 from drivers.micro_epsilon.settings import DisplacementOptions, MeEthernetSettings
 from drivers.readings import ReadingMaker
 from drivers.tap import Tap
+from drivers.text import Text
 
 _START = b"MEAS"
 _HEADER = struct.Struct("<4sIIQIHHI")
@@ -67,16 +68,16 @@ class MeEthernetBus(StreamBus):
     def _nothing_valid(self, device: str, heard: bytearray) -> DriverError:
         if not heard:
             return NoAnswer(
-                f"no measured values within {self._timeout_s:g} s",
+                Text("me_no_values", timeout_s=self._timeout_s),
                 bus=self._name,
                 device=device,
-                hint="is the controller measuring? is its trigger off?",
+                hint=Text("me_measuring"),
             )
         return BadAnswer(
-            f"{len(heard)} bytes received, but no complete block: {heard[:16].hex(' ')}",
+            Text("me_no_block", count=len(heard), bytes=heard[:16].hex(" ")),
             bus=self._name,
             device=device,
-            hint="is this the data port?",
+            hint=Text("me_data_port"),
         )
 
 
@@ -126,21 +127,26 @@ class MeEthernetDevice:
         order, serial = self._known = self._known or (block.order, block.serial)
         if (order, serial) != (block.order, block.serial):
             raise WrongDevice(
-                f"controller {block.order}, serial number {block.serial}, answers instead of controller {order}, "
-                f"serial number {serial}",
+                Text(
+                    "me_other_controller",
+                    order=block.order,
+                    serial=block.serial,
+                    wanted_order=order,
+                    wanted_serial=serial,
+                ),
                 bus=self._bus.name,
                 device=self.device,
-                hint="if it was exchanged on purpose, restart the gateway; otherwise check host and cables",
+                hint=Text("me_exchanged"),
             )
         for channel, number in self._channels.items():
             if number not in block.values:
                 fitted = ", ".join(map(str, block.values)) or "none"
                 raise WrongDevice(
-                    f"controller {block.order}, serial number {block.serial}, has no channel {number}",
+                    Text("me_no_channel", order=block.order, serial=block.serial, number=number),
                     bus=self._bus.name,
                     device=self.device,
                     channel=channel,
-                    hint=f"channels fitted: {fitted}",
+                    hint=Text("me_fitted", fitted=fitted),
                 )
         return block
 

@@ -20,6 +20,7 @@ from drivers.patience import Patience
 from drivers.readings import ReadingMaker
 from drivers.serial_server import pause_s, serial_stream
 from drivers.tap import Tap
+from drivers.text import Text
 
 _MASTER = 0x01
 _MEASURE = 0x4C
@@ -102,17 +103,17 @@ class MeRs485Bus(StreamBus):
     ) -> NoAnswer | BadAnswer:
         if not heard:
             return NoAnswer(
-                f"sensor 0x{address:02X} did not answer within {waited_s:.3g} s",
+                Text("me_sensor_silent", address=address, waited_s=waited_s),
                 hurried=waited_s < self._timeout_s,
                 bus=self._name,
                 device=device,
-                hint="check power, wiring, address and baud",
+                hint=Text("me_check"),
             )
         return BadAnswer(
-            f"{len(heard)} bytes received, but no valid answer of 0x{address:02X}: {heard[:16].hex(' ')}",
+            Text("me_no_valid", count=len(heard), address=address, bytes=heard[:16].hex(" ")),
             bus=self._name,
             device=device,
-            hint="wrong baud or parity, missing termination, or noise",
+            hint=Text("me_disturbed"),
         )
 
 
@@ -160,16 +161,14 @@ class MeRs485Device:
         try:
             return decode_float(data) if self._profile.value.payload == "float" else decode_counted(data)
         except ValueError as error:
-            raise BadAnswer(
-                str(error), bus=self._bus.name, device=self.device, hint="the sensor has another payload form"
-            ) from error
+            raise BadAnswer(str(error), bus=self._bus.name, device=self.device, hint=Text("me_payload")) from error
 
     def _distance(self, value: float | Counted) -> float | Fault:
         if isinstance(value, Counted):
             same = self._renewal.fault(value.counter, value.counts)
             return same or counted_um(value.counts[-1], self._profile.value, self._options)
         if not isfinite(value):
-            return Fault(Quality.SENSOR_FAULT, "the sensor sends no number: no target, or the probe is not connected")
+            return Fault(Quality.SENSOR_FAULT, Text("me_no_number"))
         return distance_um(value, self._profile.value, self._options)
 
 

@@ -7,6 +7,7 @@ from drivers.faults import Fault
 from drivers.micro_epsilon.profile import StreamValue
 from drivers.micro_epsilon.settings import DisplacementOptions
 from drivers.readings import total
+from drivers.text import Text
 
 _LAST_COUNT = 0xFFFFFF
 """A converter of 24 bits stands at 0 or here whenever its probe is out of range or unplugged (capaNCDT 6200, 6.2)."""
@@ -16,16 +17,14 @@ def distance_um(raw: float, value: StreamValue, options: DisplacementOptions) ->
     """From the zero of the options; a fault outside the measuring range."""
     fraction = raw / value.full_scale
     if not 0.0 <= fraction <= 1.0:
-        return Fault(Quality.OUT_OF_RANGE, f"{fraction:.3g} of the measuring range; 0 to 1 can be measured")
+        return Fault(Quality.OUT_OF_RANGE, Text("me_beyond_range", fraction=fraction))
     return total(fraction * options.range_um, -options.zero_um)
 
 
 def counted_um(count: int, value: StreamValue, options: DisplacementOptions) -> float | Fault:
     """The same of a converter's count: its first and last one do not tell where the target is."""
     if count in (0, _LAST_COUNT):
-        end = "start" if count == 0 else "end"
-        what = f"{count:X} hex: the target is beyond the {end} of the measuring range, or the probe is not connected"
-        return Fault(Quality.OUT_OF_RANGE, what)
+        return Fault(Quality.OUT_OF_RANGE, Text("me_before_range" if count == 0 else "me_after_range", count=count))
     return distance_um(count, value, options)
 
 
@@ -40,5 +39,5 @@ class Renewal:
         same, self._last = self._last == (counter, values), (counter, values)
         if not same:
             return None
-        what = f"counter and values are those of the last read, counter {counter}: it does not measure; restart it"
+        what = Text("me_stands_still", counter=counter)
         return Fault(Quality.STALE, what)

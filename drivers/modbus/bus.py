@@ -8,17 +8,18 @@ other units share. Sources: MODBUS Application Protocol V1.1b3; MODBUS over seri
 import asyncio
 import struct
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
+from contextlib import suppress
 from math import inf, isinf
 
 from pymodbus.exceptions import ModbusException
 from pymodbus.pdu import ExceptionResponse, ModbusPDU
 
-from drivers.base import BadAnswer, Busy, ConnectError, NoAnswer
+from drivers.base import BadAnswer, ConnectError, NoAnswer
 from drivers.byte_stream import ByteStream, StreamBus, TcpStream
 from drivers.modbus.frames import (
     RESPONSES,
     TCP_HEADER,
+    begins_message,
     find_tcp_answer,
     fits,
     is_refusal,
@@ -26,43 +27,61 @@ from drivers.modbus.frames import (
     tcp_messages,
 )
 from drivers.modbus.numbers import BIT_FUNCTIONS, Block
-from drivers.modbus.refusals import is_target_silent, refusal
-from drivers.modbus.rests import MinimumRests, Rests
+from drivers.modbus.refusals import is_busy, is_target_silent, refusal
+from drivers.modbus.requests import Came, Requests
+from drivers.modbus.rests import Rests
 from drivers.modbus.settings import ModbusTcpSettings
 from drivers.patience import Patience
 from drivers.tap import Tap
+from drivers.text import Text
 
+_MOST_SENT = 2
+"""How often a silent unit is sent one question before its late answer is waited for: more would slow it down."""
 _SHORTEST_S = 0.03
 """A request that must be answered sooner than this is not sent: its answer would disturb the next period."""
-DOES_NOT_FIT = "does the profile fit the device?"
-_LATE = "it answers later: raise timeout_s"
+DOES_NOT_FIT = Text("profile_fits")
+_LATE = Text("modbus_later")
 _MOST_BEHIND = 4
 """So often in a row a server may answer only earlier requests, until the connection is opened again."""
+_STRIDE = 2
+"""Between the numbers of two requests: a server that answers with the next number never hits another request's."""
+_LONGEST = 10
+"""Times the timeout, no late answer is waited for longer."""
+_GIVEN_UP_S = 5.0
+"""How long none is after that was in vain."""
 _MOST_HEARD = 4096
 """How many bytes are searched for the answer to one request."""
 
 
 class NotAsked(NoAnswer):
-    """No time was left to send the request."""
+    """The request was not sent: no time was left, or the answer to an earlier one is still waited for."""
 
 
 class ModbusBus(StreamBus, ABC):
-    """A connection that several units share."""
+    """A connection that several units share.
+
+    It leads each request through its life (`Requests`): the unit is left to rest, the line becomes quiet, the request
+    is sent and waited for about as long as the unit usually takes (`Patience`). One that was missed is sent once more,
+    or its late answer is waited for, whichever has brought answers of this unit before.
+    """
 
     kind: str
     units: tuple[int, int]
     carries: str | None = None
     has_checksum = False
     """Whether a changed byte in a frame is noticed."""
+    has_numbers = False
+    """Whether an answer carries the number of its request."""
     reopens = False
     """Whether a connection that the other side closed is opened again for the next request, and once more when it is
     closed while that is under way: some hosts close it after each answer, or when nobody asks for a while."""
 
     def __init__(self, name: str, stream: ByteStream, patience: Patience, timeout_s: float) -> None:
         super().__init__(name, stream, timeout_s)
-        self._patience = patience
-        self._until_s = inf
-        self._rests, self._minimum = Rests(), MinimumRests()
+        self._patience, self._rests, self._requests = patience, Rests(), Requests(numbered=self.has_numbers)
+        self._until_s, self._sent_s = inf, -inf
+        self._longer_in_vain_s = -inf
+        """When an answer was last waited for longer than the timeout, and did not come."""
         self._wanted = False
         """Whether the connection is to be open: `connect` succeeded and nobody has called `close`."""
 
@@ -78,6 +97,10 @@ class ModbusBus(StreamBus, ABC):
         """How long a request may wait until the limit."""
         return inf if isinf(self._until_s) else self._until_s - asyncio.get_running_loop().time()
 
+    def is_late(self, unit: int) -> bool:
+        """Whether answers of the unit that were missed usually come in the end."""
+        return self._requests.is_late(unit)
+
     async def read(self, device: str, unit: int, block: Block, *, again: bool = False) -> tuple[int, ...]:
         """Registers (0..65535) or bits (0, 1) of one block.
 
@@ -86,14 +109,9 @@ class ModbusBus(StreamBus, ABC):
         Raises NoAnswer, BadAnswer, Refused (exception code), Busy or ConnectError (wire lost).
         """
         async with self._lock:
-            await self._let_rest(device, unit, again)
-            pdu = await self._answer(device, unit, block, again)
+            pdu = decode_pdu(await self._answer(device, unit, block, again), self._name, device)
         if isinstance(pdu, ExceptionResponse):
-            error = refusal(self._name, device, unit, block, pdu.exception_code)
-            if isinstance(error, Busy):
-                self._rests.was_busy(unit, asyncio.get_running_loop().time())
-            raise error
-        self._rests.answered(unit)
+            raise refusal(self._name, device, unit, block, pdu.exception_code)
         if block.function in BIT_FUNCTIONS:
             return tuple(int(bit) for bit in pdu.bits[: block.count])
         return tuple(pdu.registers)
@@ -106,39 +124,10 @@ class ModbusBus(StreamBus, ABC):
     def _opened(self) -> None:
         """Reset what belonged to the last connection."""
 
-    async def _let_rest(self, device: str, unit: int, again: bool) -> None:
-        """Wait before a question is repeated to a unit that was busy; only so long as time is left to ask it then."""
-        if not again:
-            self._rests.answered(unit)
-            return
-        rest_s = self._rests.left_s(unit, asyncio.get_running_loop().time())
-        if rest_s <= 0:
-            return
-        if self.left_s - rest_s < _SHORTEST_S:
-            raise NotAsked(
-                f"unit {unit} is busy, and no time was left to ask it later",
-                hurried=True,
-                heard=True,
-                bus=self._name,
-                device=device,
-            )
-        await asyncio.sleep(rest_s)
-
-    async def _let_settle(self, device: str, unit: int) -> None:
-        """Wait for as long as the unit needs after its last answer; call it just before a request is sent."""
-        loop = asyncio.get_running_loop()
-        if (rest_s := self._minimum.left_s(unit, loop.time(), first=isinf(self.left_s))) > 0:
-            if self.left_s - rest_s < _SHORTEST_S:
-                what = f"unit {unit} needs a rest after each answer, and no time was left to ask it then"
-                raise NotAsked(what, hurried=True, heard=True, bus=self._name, device=device)
-            await asyncio.sleep(rest_s)
-
-    async def _answer(self, device: str, unit: int, block: Block, again: bool) -> ModbusPDU:
+    async def _answer(self, device: str, unit: int, block: Block, again: bool) -> bytes:
         """As `_exchange`, on a connection that may have to be opened again."""
         if self.left_s < _SHORTEST_S:
-            raise NotAsked(
-                f"unit {unit}: no time was left to ask for all its values", hurried=True, bus=self._name, device=device
-            )
+            raise NotAsked(Text("modbus_no_time", unit=unit), hurried=True, bus=self._name, device=device)
         if self.reopens and self._wanted and not self._stream.is_open:
             await self._open()
         try:
@@ -149,21 +138,162 @@ class ModbusBus(StreamBus, ABC):
         await self._open()
         return await self._exchange(device, unit, block, again=True)
 
-    @abstractmethod
-    async def _exchange(self, device: str, unit: int, block: Block, again: bool) -> ModbusPDU:
-        """Send the request and wait for its answer, which may be an ExceptionResponse.
+    async def _exchange(self, device: str, unit: int, block: Block, again: bool) -> bytes:
+        """The answer (function code and data), which may be a refusal; one that has come already, if it is repeated."""
+        self._requests.asked = 0
+        await self._listen()
+        self._requests.asked = unit
+        if not again:
+            self._requests.begin(unit, asyncio.get_running_loop().time())
+        elif (came := self._requests.took(unit, block)) is not None:
+            self._check(device, unit, block, came)
+            return came.message
+        came = await self._asked(device, unit, block)
+        self._check(device, unit, block, came)
+        return came.message
 
-        again: see `read`
+    def _check(self, device: str, unit: int, block: Block, came: Came) -> None:
+        """Raises BadAnswer if it is not that unit's answer to that request."""
+
+    async def _listen(self) -> None:
+        """Hear what has come since the last request."""
+        self._sort(bytearray(self._stream.discard()), 0)
+
+    @abstractmethod
+    def _sort(self, heard: bytearray, start: int) -> int:
+        """Give each answer in what was heard, from there on, to its request; returns the end of the last one."""
+
+    async def _asked(self, device: str, unit: int, block: Block) -> Came:
+        """The answer to the request, which is certainly its own."""
+        return await self._request(device, unit, block, block)
+
+    async def _let_rest(self, device: str, unit: int) -> None:
+        """Wait for as long as the unit needs after its last answer; only so long as time is left to ask it then."""
+        rest_s = self._rests.left_s(unit, asyncio.get_running_loop().time(), first=isinf(self.left_s))
+        if rest_s <= 0:
+            return
+        if self.left_s - rest_s < _SHORTEST_S:
+            code = "modbus_unit_busy" if self._rests.is_busy(unit) else "modbus_unit_rests"
+            what = Text(code, unit=unit)
+            raise NotAsked(what, hurried=True, heard=True, bus=self._name, device=device)
+        await asyncio.sleep(rest_s)
+
+    async def _request(self, device: str, unit: int, block: Block, like: Block) -> Came:
+        """Send the request and wait about as long as the unit usually takes for the one that it is like.
+
+        Raises NoAnswer or BadAnswer.
+        """
+        loop, requests = asyncio.get_running_loop(), self._requests
+        await self._let_rest(device, unit)
+        await self._quieten(unit, block)
+        began_s = loop.time()
+        longest_s = self._longest_s(unit)
+        wait_s = min(self._wait_s(unit, like) if longest_s == self._timeout_s else longest_s, self.left_s)
+        latest_s = began_s + min(longest_s, self.left_s)
+        heard = bytearray()
+        try:
+            came = await self._send_or_wait(device, unit, block, like, heard, latest_s, wait_s)
+        except ConnectError:
+            if not heard:
+                self._rests.missed(unit, loop.time())
+            raise
+        except TimeoutError:
+            if longest_s > self._timeout_s and loop.time() >= latest_s:
+                self._longer_in_vain_s = loop.time()
+            if not (heard or requests.is_late(unit)):
+                self._rests.missed(unit, loop.time())
+            if not heard and self._sent_s < began_s:
+                is_late = requests.was_heard(unit)
+                raise self._silence(device, unit, wait_s, heard=is_late, kind=NotAsked) from None
+            requests.missed(unit, block)
+            return Came(unit, await self._missed(device, unit, block, like, heard, wait_s), began_s)
+        answered_s = loop.time()
+        await self._answered(unit, block, came, heard)
+        # If each of several equal requests was answered, the unit is slow; otherwise an answer was lost.
+        still_open = [] if self.has_numbers else requests.open(unit, block)
+        sent_s = still_open[-1].sent_s if still_open else came.sent_s
+        if came.unit == unit and came.message[:1] == bytes((block.function,)):
+            self._patience.answered(unit, like, min(self._timeout_s, answered_s - sent_s))
+        self._tell_rests(unit, came.message, answered_s)
+        return came
+
+    async def _send_or_wait(
+        self, device: str, unit: int, block: Block, like: Block, heard: bytearray, latest_s: float, wait_s: float
+    ) -> Came:
+        """The answer to this request, or to one for the same that was sent before, late as it is.
+
+        Raises TimeoutError, or NotAsked if the answer would not come in time.
+        """
+        requests, now_s = self._requests, asyncio.get_running_loop().time()
+        waiting = requests.open(unit, block, old=block != like)
+        if waiting and (again_s := waiting[-1].sent_s + requests.patience_s(unit)) > now_s:
+            return await self._hear(heard, unit, block, like, min(again_s, latest_s), again_s - now_s)
+        if len(waiting) >= _MOST_SENT:
+            with suppress(TimeoutError):
+                return await self._hear(heard, unit, block, like, now_s + wait_s / 2, wait_s)
+        if self.left_s < requests.least_s(unit):
+            raise self._silence(device, unit, self._timeout_s, heard=True, kind=NotAsked)
+        self._sent_s = asyncio.get_running_loop().time()
+        self._rests.sent(unit, self._sent_s)
+        self._send(unit, block)
+        return await self._hear(heard, unit, block, like, latest_s, wait_s)
+
+    def _tell_rests(self, unit: int, message: bytes, now_s: float) -> None:
+        if is_target_silent(message):
+            self._rests.not_reached(unit, now_s)
+        elif is_busy(message):
+            self._rests.was_busy(unit, now_s)
+        else:
+            self._rests.answered(unit, now_s)
+
+    def _longest_s(self, unit: int) -> float:
+        """How long an answer of the unit may take: longer than the timeout where each answer of each unit does, which
+        would otherwise never come before the next question."""
+        is_vain = asyncio.get_running_loop().time() < self._longer_in_vain_s + _GIVEN_UP_S
+        if is_vain or not self._requests.all_slower(self._timeout_s):
+            return self._timeout_s
+        return min(max(self._timeout_s, self._requests.patience_s(unit)), _LONGEST * self._timeout_s)
+
+    def _wait_s(self, unit: int, like: Block) -> float:
+        """How long the first byte of the answer is waited for."""
+        return self._patience.wait_s(unit, like)
+
+    async def _quieten(self, unit: int, block: Block) -> None:
+        """Wait until a request may be sent on the line."""
+
+    @abstractmethod
+    def _send(self, unit: int, block: Block) -> None: ...
+
+    @abstractmethod
+    async def _hear(
+        self, heard: bytearray, unit: int, block: Block, like: Block, latest_s: float, wait_s: float
+    ) -> Came:
+        """The answer, once it is complete in `heard`.
+
+        latest_s: loop time; wait_s: for the first byte, and for each that follows
+
+        Raises TimeoutError.
         """
 
-    def _silence(self, device: str, unit: int, waited_s: float, *, heard: bool = False) -> NoAnswer:
-        return NoAnswer(
-            f"unit {unit} did not answer within {waited_s:.3g} s",
+    async def _answered(self, unit: int, block: Block, came: Came, heard: bytearray) -> None:
+        """What follows an answer."""
+
+    @abstractmethod
+    async def _missed(
+        self, device: str, unit: int, block: Block, like: Block, heard: bytearray, waited_s: float
+    ) -> bytes:
+        """Nothing valid has come. Raises NoAnswer or BadAnswer, unless it is an answer after all."""
+
+    def _silence(
+        self, device: str, unit: int, waited_s: float, *, heard: bool = False, kind: type[NoAnswer] = NoAnswer
+    ) -> NoAnswer:
+        return kind(
+            Text("modbus_unit_silent", unit=unit, waited_s=waited_s),
             hurried=waited_s < self._timeout_s,
             heard=heard,
             bus=self._name,
             device=device,
-            hint=_LATE if heard else "check power, wiring, unit id and baud",
+            hint=_LATE if heard else Text("check_unit"),
         )
 
 
@@ -172,102 +302,93 @@ class ModbusTcpBus(ModbusBus):
 
     kind = ModbusTcpSettings.bus_kind
     units = ModbusTcpSettings.units
+    has_numbers = True
     reopens = True
 
     def __init__(self, name: str, settings: ModbusTcpSettings, tap: Tap | None = None) -> None:
         stream = TcpStream(name, settings.host, settings.port, tap)
         super().__init__(name, stream, Patience(settings.timeout_s), settings.timeout_s)
-        self._number = 0
+        self._number = 1 - _STRIDE
         self._perhaps_busy_until, self._mute = 0.0, False
         self._behind = 0
         """How many requests in a row were answered only by answers to earlier ones."""
-        self._sent: dict[tuple[int, Block], dict[int, float]] = {}
-        """Requests whose answers are as good as the next one's, as the question has not changed: number and time."""
-        self._late: set[int] = set()
-        """Units of which late answers to earlier questions have come since they were found missing."""
 
     def _opened(self) -> None:
         self._perhaps_busy_until, self._mute = 0.0, False
         self._behind = 0
-        self._sent = {}
-        self._late.clear()
+        self._requests.clear()
 
-    async def _exchange(self, device: str, unit: int, block: Block, again: bool) -> ModbusPDU:
-        heard = bytearray(self._stream.discard())
-        if not again:
-            self._note_late(heard)
-            heard.clear()
-            self._sent = {key: numbers for key, numbers in self._sent.items() if key[0] != unit}
-        sent = self._sent.setdefault((unit, block), {})
-        loop = asyncio.get_running_loop()
-        began = loop.time()
-        found = _any_answer(heard, sent)
-        if found is None:
-            await self._let_settle(device, unit)
-            began = loop.time()
-            self._minimum.sent(unit, began)
-            self._number = self._number % 0xFFFF + 1
-            pdu = request_pdu(block)
-            self._stream.write(TCP_HEADER.pack(self._number, 0, len(pdu) + 1, unit) + pdu)
-            sent[self._number] = began
-        wait_s = self._patience.wait_s(unit, block)
+    def _sort(self, heard: bytearray, start: int) -> int:
+        now_s = asyncio.get_running_loop().time()
+        for number in self._requests.numbers:
+            if (answer := find_tcp_answer(heard, number)) is not None:
+                self._requests.came(*answer, now_s, number)
+        return start
+
+    def _wait_s(self, unit: int, like: Block) -> float:
         # A gateway asks its units one after the other, and may be waiting for a silent one.
-        if began < self._perhaps_busy_until or len(sent) > 1:
-            wait_s = self._timeout_s
-        latest = began + min(self._timeout_s, self.left_s)
-        wait_s = min(wait_s, latest - began)
-        until = began + wait_s
-        try:
-            while found is None:
-                del heard[:-_MOST_HEARD]
-                heard += await self._stream.read(until - loop.time())
-                until = min(latest, loop.time() + wait_s)  # lets an answer that has begun finish
-                found = _any_answer(heard, sent)
-        except TimeoutError:
-            self._patience.missed(unit)
-            if not heard:
-                self._minimum.missed(unit, loop.time())
-            await self._reopen_if_behind(heard)
-            # Not a byte within the full timeout, not even of a late answer: this is not a busy gateway.
-            self._mute = not heard and (self._mute or wait_s >= self._timeout_s)
-            self._perhaps_busy_until = 0.0 if self._mute else loop.time() + self._timeout_s
-            raise self._nothing_valid(device, unit, heard, wait_s) from None
+        is_busy_perhaps = asyncio.get_running_loop().time() < self._perhaps_busy_until
+        is_late = is_busy_perhaps or bool(self._requests.open(unit, like))
+        return self._timeout_s if is_late else super()._wait_s(unit, like)
+
+    def _send(self, unit: int, block: Block) -> None:
+        self._number = (self._number + _STRIDE) % 0x10000
+        pdu = request_pdu(block)
+        self._stream.write(TCP_HEADER.pack(self._number, 0, len(pdu) + 1, unit) + pdu)
+        self._requests.sent(unit, block, asyncio.get_running_loop().time(), self._number)
+
+    async def _hear(self, heard: bytearray, unit: int, block: Block, _: Block, latest_s: float, wait_s: float) -> Came:
+        loop = asyncio.get_running_loop()
+        until = min(latest_s, loop.time() + wait_s)
+        while (came := self._requests.took(unit, block)) is None:
+            del heard[:-_MOST_HEARD]
+            heard += await self._stream.read(until - loop.time())
+            until = min(latest_s, loop.time() + wait_s)  # lets an answer that has begun finish
+            self._sort(heard, 0)
+        return came
+
+    async def _answered(self, unit: int, block: Block, came: Came, heard: bytearray) -> None:  # noqa: ARG002
         self._perhaps_busy_until, self._mute = 0.0, False
-        self._late.discard(unit)
-        del self._sent[unit, block]
-        number, answering, answer = found
-        self._behind = 0
-        (self._minimum.refused if is_target_silent(answer) else self._minimum.answered)(unit, loop.time())
-        if answering == unit and answer[0] == block.function:
-            self._patience.answered(unit, block, min(self._timeout_s, loop.time() - sent[number]))
-        self._check(device, unit, block, answering, answer)
-        return decode_pdu(answer, self._name, device)
+        self._behind = 0 if came.number == self._number else self._behind + 1
+        self._requests.was_heard(unit)
+
+    async def _missed(
+        self,
+        device: str,
+        unit: int,
+        block: Block,  # noqa: ARG002
+        like: Block,  # noqa: ARG002
+        heard: bytearray,
+        waited_s: float,
+    ) -> bytes:
+        loop = asyncio.get_running_loop()
+        self._patience.missed(unit)
+        await self._reopen_if_behind(heard)
+        # Not a byte within the full timeout, not even of a late answer: this is not a busy gateway.
+        self._mute = not heard and (self._mute or waited_s >= self._timeout_s)
+        self._perhaps_busy_until = 0.0 if self._mute else loop.time() + self._timeout_s
+        raise self._nothing_valid(device, unit, heard, waited_s)
 
     async def _reopen_if_behind(self, heard: bytearray) -> None:
         """Close a connection on which each answer is an earlier request's, again and again: a new one is in order."""
         messages, end = tcp_messages(heard)
-        is_behind = bool(messages) and end == len(heard) and self._number not in messages
-        self._behind = self._behind + 1 if is_behind else 0
+        numbers = [number for number, _, _ in messages]
+        self._behind += bool(numbers) and end == len(heard) and self._number not in numbers
         if self._behind >= _MOST_BEHIND:
             await self._stream.close()
 
-    def _note_late(self, heard: bytearray) -> None:
-        for number, (unit, _) in tcp_messages(heard)[0].items():
-            if any(number in numbers for (asked, _), numbers in self._sent.items() if asked == unit):
-                self._late.add(unit)
-
-    def _check(self, device: str, unit: int, block: Block, answering: int, answer: bytes) -> None:
-        """Raises BadAnswer if it is not that unit's answer to that request."""
+    def _check(self, device: str, unit: int, block: Block, came: Came) -> None:
+        answering, answer = came.unit, came.message
         if answering != unit:
             raise BadAnswer(
-                f"unit {answering} answered instead of unit {unit}",
+                Text("modbus_other_unit", other=answering, unit=unit),
                 bus=self._name,
                 device=device,
-                hint=f"if the host is a single device, ask it as unit {answering}",
+                hint=Text("modbus_ask_as", other=answering),
             )
         if not (fits(answer, block) or is_refusal(answer)):  # some refuse with another function's code
             raise BadAnswer(
-                f"the answer does not fit function {block.function}, count {block.count}: {answer[:16].hex(' ')}",
+                Text("modbus_does_not_fit", function=block.function, count=block.count, bytes=answer[:16].hex(" ")),
                 bus=self._name,
                 device=device,
                 hint=DOES_NOT_FIT,
@@ -275,32 +396,36 @@ class ModbusTcpBus(ModbusBus):
 
     def _nothing_valid(self, device: str, unit: int, heard: bytes | bytearray, waited_s: float) -> NoAnswer | BadAnswer:
         messages, end = tcp_messages(heard)
-        is_late = unit in self._late
-        self._late.discard(unit)
+        is_late = self._requests.was_heard(unit)
         if not heard:
             return self._silence(device, unit, waited_s, heard=is_late)
         if end == len(heard):
-            others = ", ".join(map(str, messages))
+            others = ", ".join(str(number) for number, _, _ in messages)
             return NoAnswer(
-                f"unit {unit} did not answer request {self._number} within {waited_s:.3g} s, only answers to other "
-                f"requests came ({others})",
+                Text("modbus_request_silent", unit=unit, number=self._number, waited_s=waited_s, others=others),
                 hurried=waited_s < self._timeout_s,
-                heard=is_late or any(answering == unit for answering, _ in messages.values()),
+                heard=is_late or any(answering == unit for _, answering, _ in messages),
                 bus=self._name,
                 device=device,
-                hint="raise timeout_s; if the number is always the same, the server does not copy a request's number",
+                hint=_LATE if is_late else Text("modbus_number_own"),
             )
         return BadAnswer(
-            f"the bytes received are not a complete Modbus TCP answer: {heard[:16].hex(' ')}",
+            _header_fault(heard[end:]),
             bus=self._name,
             device=device,
-            hint="check host and port; is the device's serial side disturbed?",
+            hint=Text("modbus_check_server"),
         )
 
 
-def _any_answer(heard: bytearray, numbers: Iterable[int]) -> tuple[int, int, bytes] | None:
-    """Number, unit and message of the answer to one of these requests."""
-    return next(((n, *answer) for n in numbers if (answer := find_tcp_answer(heard, n)) is not None), None)
+def _header_fault(heard: bytes | bytearray) -> Text:
+    """Which field of the header is wrong in bytes that are not a message."""
+    told = heard[:16].hex(" ")
+    if begins_message(heard):
+        return Text("modbus_incomplete", bytes=told)
+    _, protocol, length, _ = TCP_HEADER.unpack_from(heard)
+    if protocol:
+        return Text("modbus_protocol", protocol=protocol, bytes=told)
+    return Text("modbus_length", length=length, bytes=told)
 
 
 def decode_pdu(message: bytes, bus: str, device: str) -> ModbusPDU:
@@ -311,5 +436,7 @@ def decode_pdu(message: bytes, bus: str, device: str) -> ModbusPDU:
         pdu = ExceptionResponse(function) if refused else RESPONSES[function]()
         pdu.decode(message[1:])
     except (ModbusException, ValueError, struct.error, IndexError) as error:
-        raise BadAnswer(f"cannot be decoded: {error}: {message.hex(' ')}", bus=bus, device=device) from error
+        raise BadAnswer(
+            Text("modbus_undecodable", error=str(error), bytes=message.hex(" ")), bus=bus, device=device
+        ) from error
     return pdu

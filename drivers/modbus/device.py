@@ -13,9 +13,13 @@ from drivers.modbus.plan import ReadPlan
 from drivers.modbus.profile import ModbusProfile
 from drivers.modbus.settings import ModbusOptions
 from drivers.readings import ReadingMaker, total
+from drivers.text import Text
 
 _ASK_REFUSED_AGAIN_S = 60.0
 """After this time the device is asked again for what it refused: a module may have been added or set up."""
+
+_REFUSES_FOR_ONCE_S = 2.0
+"""The same at first if it has been read before; each time it refuses again, twice as long."""
 
 _CHECK_AGAIN_S = 60.0
 """After this time one more request asks for settings or type codes: somebody may have changed the module's settings."""
@@ -71,7 +75,7 @@ class ModbusDevice:
         self._check_began_s = -inf
         self._check_answered_s = -inf
         """When it last answered a check, and has not been read since."""
-        self._refused_since_s = 0.0
+        self._refused_since_s, self._refused_for_s = 0.0, _ASK_REFUSED_AGAIN_S
         self._was_silent = False
         """Whether it missed the last read and its repetitions: another unit may answer the next one."""
 
@@ -81,6 +85,8 @@ class ModbusDevice:
         Raises WrongDevice, or the bus's errors.
         """
         now = self._clock.monotonic()
+        if not (self._settings.requests or self._codes.requests) and now - self._check_answered_s < _SAME_UNIT_S:
+            return  # it did, and the connection was lost before anything was read
         again = now - self._check_began_s < _SAME_UNIT_S
         if not again:
             self._check_began_s = now
@@ -127,7 +133,7 @@ class ModbusDevice:
             found = words.get((setting.function, setting.address + self._offset))
             if found is not None and found != setting.equals:
                 raise WrongDevice(
-                    f"{setting.name} is {found}, which profile {self._profile.name} cannot read",
+                    Text("modbus_setting", name=setting.name, found=found, profile=self._profile.name),
                     bus=self._bus.name,
                     device=self.device,
                     hint=setting.hint,
@@ -144,11 +150,11 @@ class ModbusDevice:
             if code not in codes.spans:
                 known = ", ".join(f"0x{c:04X}" for c in codes.spans)
                 raise WrongDevice(
-                    f"type code 0x{code:04X} at input {one.index}, which profile {self._profile.name} cannot read",
+                    Text("modbus_type_code", code=code, index=one.index, profile=self._profile.name),
                     bus=self._bus.name,
                     device=self.device,
                     channel=channel,
-                    hint=f"set the input to one of {known}, or check the unit id",
+                    hint=Text("modbus_set_input", known=known),
                 )
             spans[channel] = codes.spans[code]
         return spans
@@ -164,6 +170,7 @@ class ModbusDevice:
             if self._was_silent:
                 self._forget()
             elif self._refused_is_due:
+                self._refused_for_s = min(2 * self._refused_for_s, _ASK_REFUSED_AGAIN_S)
                 self._checked = not self._codes.refused  # without its type code a channel has no scaling
                 self._reset_plans(silent=False)
         if not self._checked and (self._codes.requests or self._settings.requests):
@@ -177,6 +184,8 @@ class ModbusDevice:
             raise
         self._was_silent, self._check_answered_s = False, -inf
         lost = {**self._values.lost, **self._codes.lost}
+        if not lost:
+            self._refused_for_s = _REFUSES_FOR_ONCE_S
         values = {name: self._value(name, words, lost) for name in self._channels}
         for name, value in values.items():
             if self._faults.requests and not isinstance(value, Fault):
@@ -236,12 +245,16 @@ class ModbusDevice:
     def _refused_is_due(self) -> bool:
         """Whether what the unit has refused is to be asked for again."""
         refused = self._values.refused or self._codes.refused
-        return bool(refused) and self._clock.monotonic() - self._refused_since_s >= _ASK_REFUSED_AGAIN_S
+        return bool(refused) and self._clock.monotonic() - self._refused_since_s >= self._refused_for_s
 
     def _leaves_out(self, plan: ReadPlan, request: Block, error: NoAnswer) -> bool:
         """Whether the request, which was not answered, is left out from now on, as the unit answers others."""
         counts = plan is self._values and bool(self._answers) and not isinstance(error, NotAsked)
-        return counts and plan.fell_silent(request, self._clock.monotonic(), hurried=error.hurried)
+        return (
+            counts
+            and not self._bus.is_late(self._unit)
+            and plan.fell_silent(request, self._clock.monotonic(), hurried=error.hurried)
+        )
 
     @property
     def asks_later(self) -> bool:
@@ -263,7 +276,12 @@ class ModbusDevice:
             return
         answered = True
         try:
-            await self._ask(request)
+            try:
+                await self._ask(request)
+            except NoAnswer:
+                if not self._bus.is_late(self._unit):
+                    raise
+                await self._ask(request, again=True)
         except NotAsked:
             return
         except NoAnswer:
@@ -282,19 +300,19 @@ class ModbusDevice:
 
     def _silence(self, request: Block) -> NoAnswer:
         """Why what this request is to read has no value, though the unit answers others."""
-        where = f"function {request.function}, address {request.address}, count {request.count}"
+        where = Text("modbus_request", function=request.function, address=request.address, count=request.count)
         return NoAnswer(
-            f"unit {self._unit} does not answer {where}",
+            Text("modbus_place_silent", unit=self._unit, where=where),
             bus=self._bus.name,
             device=self.device,
-            hint="it answers other requests: does it have this address?",
+            hint=Text("modbus_has_address"),
         )
 
     def _with_gaps(self, error: NoAnswer, unused: str) -> NoAnswer:
         """The error of a request that reads unused addresses, too, to a unit that has answered others."""
         if not unused:
             return error
-        hint = f"it answers other requests; this one also reads {unused}, which no channel needs: max_gap = 0?"
+        hint = Text("modbus_gap", unused=unused)
         where = {"bus": error.bus, "device": error.device, "hint": hint}
         return NoAnswer(error.what, hurried=error.hurried, heard=error.heard, **where)
 
@@ -313,11 +331,17 @@ class ModbusDevice:
             self._check_answers, self._second_answers = self._second_answers, BlockAnswers()
             (function, address), *_ = (place for place in first if first[place] != second[place])
             raise BadAnswer(
-                f"unit {self._unit} answered function {function}, address {address} with {first[function, address]}, "
-                f"then with {second[function, address]}",
+                Text(
+                    "modbus_two_answers",
+                    unit=self._unit,
+                    function=function,
+                    address=address,
+                    first=first[function, address],
+                    second=second[function, address],
+                ),
                 bus=self._bus.name,
                 device=self.device,
-                hint="this does not change by itself: is the device's line or its host disturbed?",
+                hint=Text("modbus_disturbed"),
             )
         return second
 
@@ -329,7 +353,10 @@ class ModbusDevice:
         self._forget()
 
     def _forget(self) -> None:
+        self._answers.clear()
+        self._fault_answers.clear()
         self._spans, self._told, self._checked, self._was_silent = {}, {}, False, False
+        self._refused_for_s = _ASK_REFUSED_AGAIN_S
         self._reset_plans()
 
     def _reset_plans(self, *, silent: bool = True) -> None:
@@ -361,23 +388,25 @@ class ModbusDevice:
         sentinel = block.sentinel_faults.get(raw)
         if (bits := block.fault_bits) is not None and one.bit is not None and words[one.bit[:2]]:
             return (
-                bits.fault if sentinel is None else Fault(bits.fault.quality, f"{bits.fault.detail}; {sentinel.detail}")
+                bits.fault
+                if sentinel is None
+                else Fault(bits.fault.quality, Text("both_details", one=bits.fault.detail, other=sentinel.detail))
             )
         if (status := block.status) is not None and one.status is not None:
             code = status.code(one.index, words[one.status[:2]])
             if code not in status.good:
-                unknown = Fault(Quality.SENSOR_FAULT, f"status 0x{code:X}, which the profile does not define")
+                unknown = Fault(Quality.SENSOR_FAULT, Text("status_undefined", code=code))
                 return first_fault(status.rules, code) or unknown
         if sentinel is not None:
             return sentinel
         if not isfinite(raw):
-            return Fault(Quality.SENSOR_FAULT, f"the device sends {raw} instead of a value")
+            return Fault(Quality.SENSOR_FAULT, Text("sends_no_value", raw=raw))
         span = self._spans.get(channel)
         by_code = block.scaled_by == "type_code"
         value = self._spans[channel].apply(raw) if by_code else total(raw * block.scale, block.offset)
         if span is not None and not span.holds(value):
             ends = f"{span.low:g} to {span.high:g}"
-            text = f"{value:.4g} {one.unit} is outside the range that the input is set to, {ends}"
+            text = Text("beyond_input_range", value=value, unit=one.unit, ends=ends)
             return Fault(Quality.OUT_OF_RANGE, text)
         implausible = block.plausibility and block.plausibility.fault(value, one.unit)
         return implausible or value

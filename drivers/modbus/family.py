@@ -7,6 +7,7 @@ from drivers.modbus.profile import ModbusProfile
 from drivers.modbus.settings import ModbusOptions, ModbusRtuSettings, ModbusRtuTcpSettings, ModbusTcpSettings
 from drivers.modbus.tables import LAST_ADDRESS
 from drivers.tap import Tap
+from drivers.text import Text
 
 
 def _rtu(name: str, settings: ModbusRtuSettings, tap: Tap | None) -> Bus:
@@ -23,7 +24,10 @@ def _rtu_tcp(name: str, settings: ModbusRtuTcpSettings, tap: Tap | None) -> Bus:
 
 def _tcp(name: str, settings: ModbusTcpSettings, tap: Tap | None) -> Bus:
     from drivers.modbus.bus import ModbusTcpBus
+    from drivers.modbus.unnumbered import UnnumberedTcpBus
 
+    if settings.transaction_id == "ignore":
+        return UnnumberedTcpBus(name, settings, tap)
     return ModbusTcpBus(name, settings, tap)
 
 
@@ -41,7 +45,9 @@ def _check(device: PlacedDevice[ModbusProfile, ModbusOptions]) -> None:
     last = last_address(device.profile, device.channels, offset)
     if last > LAST_ADDRESS:
         raise device.error(
-            f"address_offset = {offset}: address {last} does not exist", hint=f"addresses end at {LAST_ADDRESS}"
+            Text("modbus_no_address", offset=offset, address=last),
+            field=("address_offset",),
+            hint=Text("modbus_last_address", last=LAST_ADDRESS),
         )
 
 

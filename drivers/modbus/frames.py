@@ -1,7 +1,7 @@
 """Finds the answer to a request in the received bytes: RTU frames and TCP messages."""
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from functools import lru_cache
 
 from pymodbus.framer.rtu import FramerRTU
@@ -37,6 +37,8 @@ RESPONSES: dict[int, type[ModbusPDU]] = {
 TCP_HEADER = struct.Struct(">HHHB")
 """Number of the transaction, protocol 0, length, unit."""
 _LONGEST_TCP_LENGTH = 254
+REFUSED = 0x80
+"""The bit of a function code that makes the answer a refusal."""
 _REFUSAL_LENGTH = 5
 """How many bytes a refusal has on a serial line."""
 _REMEMBERED = 4096
@@ -110,6 +112,24 @@ def find_rtu_answer(heard: bytes | bytearray, unit: int, block: Block) -> bytes 
     return next(rtu_answers(heard, unit, block), None)
 
 
+def rtu_messages(
+    heard: bytes | bytearray, start: int, forms: Collection[tuple[int, int, int]]
+) -> Iterator[tuple[int, int, bytes]]:
+    """End, unit and message (function code and data) of every valid frame from `start` on that has one of these forms:
+    unit, function, bytes of data. Refusals of these functions have it too. What is between them is skipped.
+    """
+    refused = {(unit, function | REFUSED) for unit, function, _ in forms}
+    while start < len(heard) - 4:
+        unit, function, size = heard[start : start + 3]
+        length = 5 + size if (unit, function, size) in forms else _REFUSAL_LENGTH if (unit, function) in refused else 0
+        frame = bytes(heard[start : start + length])
+        if length and len(frame) == length and is_rtu_frame(frame):
+            start += length
+            yield start, unit, frame[1:-2]
+        else:
+            start += 1
+
+
 def is_damaged(heard: bytes | bytearray, block: Block) -> bool:
     """Whether this is as long as an answer to the request and nobody's valid answer."""
     return len(heard) == rtu_length(block) and not is_rtu_frame(heard)
@@ -160,8 +180,9 @@ def find_tcp_answer(heard: bytes | bytearray, number: int) -> tuple[int, bytes] 
     ended, the answer is searched for at every later position, because noise may look like a header.
     """
     messages, end = tcp_messages(heard)
-    if number in messages:
-        return messages[number]
+    numbered = {found: (unit, message) for found, unit, message in messages}
+    if number in numbered:
+        return numbered[number]
     if end == len(heard):
         return None
     start = -1
@@ -172,14 +193,23 @@ def find_tcp_answer(heard: bytes | bytearray, number: int) -> tuple[int, bytes] 
     return None
 
 
-def tcp_messages(heard: bytes | bytearray) -> tuple[dict[int, tuple[int, bytes]], int]:
-    """The complete messages that follow one another from the first byte on, by number, and the position after them."""
-    messages, end = {}, 0
+def tcp_messages(heard: bytes | bytearray) -> tuple[list[tuple[int, int, bytes]], int]:
+    """Number, unit and message of the complete messages that follow one another from the first byte on, and the
+    position after them."""
+    messages, end = [], 0
     while (found := _message_at(heard, end)) is not None:
-        number, unit, message = found
-        messages[number] = unit, message
-        end += TCP_HEADER.size + len(message)
+        messages.append(found)
+        end += TCP_HEADER.size + len(found[2])
     return messages, end
+
+
+def begins_message(heard: bytes | bytearray) -> bool:
+    """Whether a message may begin so that has not ended yet."""
+    if len(heard) < TCP_HEADER.size:
+        return True
+    length: int
+    _, protocol, length, _ = TCP_HEADER.unpack_from(heard)
+    return not protocol and 2 <= length <= _LONGEST_TCP_LENGTH
 
 
 def _message_at(heard: bytes | bytearray, start: int) -> tuple[int, int, bytes] | None:

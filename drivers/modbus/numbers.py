@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 from drivers.readings import total
+from drivers.text import NOTHING, Text
 
 Order = Literal["big", "little"]
 NumberType = Literal["int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64"]
@@ -36,14 +37,14 @@ def registers_of(kind: object) -> int:
     return _FORMATS.get(kind, ("", 1))[1]
 
 
-def as_in_manuals(address: int) -> str:
+def as_in_manuals(address: int) -> Text:
     """What to write instead of an address such as 30101; empty if it is not one of those."""
     for function, ranges in _IN_MANUALS.items():
         for first, last in ranges:
             if first <= address <= last:
-                meant = f"a manual's {address} is function {function}, address {address - first}"
-                return f"addresses count from 0: {meant}"
-    return ""
+                meant = Text("modbus_in_manuals", address=address, function=function, meant=address - first)
+                return Text("modbus_counts_from_0", meant=meant)
+    return NOTHING
 
 
 class Block(NamedTuple):

@@ -20,6 +20,7 @@ from drivers.modbus.tables import Address, Judged, RegisterFunction, Scaled
 from drivers.number_types import check_shift
 from drivers.profile import DeviceProfile, Unit
 from drivers.section import Section, wrong
+from drivers.text import Text
 
 _MOST_CHANNELS = 1000
 _MOST_BITS = 2000
@@ -44,7 +45,7 @@ class Values(Scaled):
     @model_validator(mode="after")
     def _apart(self) -> Self:
         if self.stride < (least := registers_of(self.type)):
-            raise wrong(f"{self.stride}: expected at least {least}, the registers of a {self.type}", "stride")
+            raise wrong(Text("modbus_stride", stride=self.stride, least=least, type=self.type), "stride")
         check_shift(self.shift, self.type)
         return self
 
@@ -75,25 +76,23 @@ class ChannelBlock(Scaled, Judged):
     @model_validator(mode="after")
     def _located(self) -> Self:
         if self.address is None and not self.addresses:
-            raise wrong("missing; give it, or addresses", "address")
+            raise wrong(Text("modbus_no_place"), "address")
         for field in ("address", "count", "stride"):
             if self.addresses and (value := getattr(self, field)) is not None:
-                raise wrong(f"{value}: omit it, as addresses says it", "channels" if field == "count" else field)
+                raise wrong(Text("modbus_said_twice", value=value), "channels" if field == "count" else field)
         return self
 
     @model_validator(mode="after")
     def _readable(self) -> Self:
         in_registers = self.function in REGISTER_FUNCTIONS
         if not in_registers and self.type != "bit":
-            raise wrong(
-                f"'{self.type}' is a type of registers, but function {self.function} reads bits: expected 'bit'", "type"
-            )
+            raise wrong(Text("modbus_type_of_registers", type=self.type, function=self.function), "type")
         if in_registers and self.type == "bit" and self.bit is None:
-            raise wrong("missing; which bit of the register is the first channel?", "bit")
+            raise wrong(Text("modbus_which_bit"), "bit")
         if self.bit is not None and not (in_registers and self.type == "bit"):
-            raise wrong(f"{self.bit}: only for type 'bit' in registers, function 3 or 4", "bit")
+            raise wrong(Text("modbus_bit_alone", bit=self.bit), "bit")
         if self.stride is not None and self.stride < self.width:
-            raise wrong(f"{self.stride}: expected at least {self.width}, the registers of a {self.type}", "stride")
+            raise wrong(Text("modbus_stride", stride=self.stride, least=self.width, type=self.type), "stride")
         check_shift(self.shift, self.type)
         self.check()
         return self
@@ -101,11 +100,13 @@ class ChannelBlock(Scaled, Judged):
     def check(self) -> None:
         """For validators: raises an error for tables that do not fit the values."""
         if self.scaled_by == "type_code" and self.type_codes is None:
-            raise wrong('missing; scaled_by = "type_code" needs this table', "type_code")
+            raise wrong(Text("modbus_no_type_code"), "type_code")
         for number, sentinel in enumerate(self.sentinels):
             if self._nearest(sentinel.raw) is None:
-                shifted = f" shifted by {self.shift}" if self.shift else ""
-                raise wrong(f"{sentinel.raw:g} cannot occur as {self.type}{shifted}", "sentinel", number, "raw")
+                what = Text("modbus_sentinel", raw=sentinel.raw, type=self.type)
+                if self.shift:
+                    what = Text("modbus_sentinel_shifted", raw=sentinel.raw, type=self.type, shift=self.shift)
+                raise wrong(what, "sentinel", number, "raw")
         if self.status is not None:
             self.status.check_for(self.channels)
 
@@ -179,7 +180,7 @@ class Setting(Section):
     @model_validator(mode="after")
     def _possible(self) -> Self:
         if self.function in BIT_FUNCTIONS and self.equals > 1:
-            raise wrong(f"{self.equals}: expected 0 or 1, as function {self.function} reads bits", "equals")
+            raise wrong(Text("modbus_equals", equals=self.equals, function=self.function), "equals")
         return self
 
 
@@ -196,7 +197,7 @@ class WholeBlock(Section):
 
 def _one_table(value: object) -> object:
     if isinstance(value, list):
-        raise wrong("expected one table; a device with several kinds of values has a [[block]] for each")
+        raise wrong(Text("modbus_one_value"))
     return value
 
 
@@ -223,20 +224,20 @@ class ModbusProfile(DeviceProfile, Judged):
     @model_validator(mode="after")
     def _whole(self) -> Self:
         if self.values is None and not self.own_blocks:
-            raise wrong("missing; give it, or a [[block]] for each kind of value", "value")
+            raise wrong(Text("modbus_no_value"), "value")
         if self.values is not None and self.own_blocks:
-            raise wrong("omit it where there is a [[block]]; write its values as another [[block]]", "value")
+            raise wrong(Text("modbus_value_and_block"), "value")
         if self.values is not None and self.count is None:
-            raise wrong("missing; it has no default", "channels")
+            raise wrong(Text("missing_no_default"), "channels")
         for field in ("count", *Judged.model_fields):
             if self.own_blocks and field in self.model_fields_set:
                 key = type(self).model_fields[field].alias or field
-                raise wrong("with [[block]], each block has its own", key)
+                raise wrong(Text("modbus_of_block"), key)
         for number, block in enumerate(self.own_blocks):
             if not (self.unit or block.unit):
-                raise wrong("missing; give it here or for the whole profile", "block", number, "unit")
+                raise wrong(Text("modbus_no_unit"), "block", number, "unit")
         if self.values is not None and not self.unit:
-            raise wrong("missing; it has no default", "unit")
+            raise wrong(Text("missing_no_default"), "unit")
         return self
 
     @model_validator(mode="after")
@@ -245,12 +246,12 @@ class ModbusProfile(DeviceProfile, Judged):
             self.blocks[0].check()
         for block in self.blocks:
             if block.width > self.max_registers:
-                what = f"{self.max_registers}, but a {block.type} takes {block.width} registers"
+                what = Text("modbus_too_wide", most=self.max_registers, type=block.type, width=block.width)
                 raise wrong(what, "max_registers")
         for number, whole in enumerate(self.wholes):
             if whole.function in REGISTER_FUNCTIONS and whole.count > self.max_registers:
                 raise wrong(
-                    f"{whole.count}: expected at most max_registers, {self.max_registers}", "whole", number, "count"
+                    Text("modbus_whole_long", count=whole.count, most=self.max_registers), "whole", number, "count"
                 )
         return self
 

@@ -2,17 +2,18 @@
 
 from drivers.base import Busy, NoAnswer, Refused
 from drivers.modbus.numbers import Block, as_in_manuals
+from drivers.text import Text
 
 _EXCEPTIONS = {
-    1: "illegal function",
-    2: "illegal data address",
-    3: "illegal data value",
-    4: "device failure",
-    5: "acknowledge, not ready yet",
-    6: "device busy",
-    8: "memory parity error",
-    10: "gateway path unavailable",
-    11: "gateway target did not respond",
+    1: Text("modbus_illegal_function"),
+    2: Text("modbus_illegal_address"),
+    3: Text("modbus_illegal_value"),
+    4: Text("modbus_device_failure"),
+    5: Text("modbus_not_ready"),
+    6: Text("modbus_device_busy"),
+    8: Text("modbus_parity_error"),
+    10: Text("modbus_path_unavailable"),
+    11: Text("modbus_target_silent"),
 }
 _TARGET_SILENT = (10, 11)
 _BUSY = (5, 6)
@@ -27,17 +28,22 @@ def is_target_silent(message: bytes) -> bool:
     return len(message) == 2 and bool(message[0] & 0x80) and message[1] in _TARGET_SILENT
 
 
+def is_busy(message: bytes) -> bool:
+    """Whether an answer (function code and data) says that the unit cannot answer just now."""
+    return len(message) == 2 and bool(message[0] & 0x80) and message[1] in _BUSY
+
+
 def refusal(bus: str, device: str, unit: int, block: Block, code: int) -> NoAnswer | Refused:
     """The error for a unit that answered this request with an exception code."""
-    meaning = _EXCEPTIONS.get(code, "unknown exception")
-    reason = f"exception {code}: {meaning}"
-    asked = f"function {block.function}, address {block.address}, count {block.count}"
-    what = f"unit {unit} answered {asked} with {reason}"
+    meaning = _EXCEPTIONS.get(code, Text("modbus_unknown_exception"))
+    reason = Text("modbus_exception", code=code, meaning=meaning)
+    asked = Text("modbus_request", function=block.function, address=block.address, count=block.count)
+    what = Text("modbus_unit_refused", unit=unit, asked=asked, reason=reason)
     if code in _TARGET_SILENT:
-        hint = "behind that gateway: check power, wiring and id of the unit, and the gateway's timeout"
+        hint = Text("modbus_behind_gateway")
         return NoAnswer(what, bus=bus, device=device, hint=hint)
     if code in _BUSY:
-        hint = "ask it less often: a longer period_s, or no second master"
+        hint = Text("modbus_ask_less")
         return Busy(what, reason=reason, bus=bus, device=device, hint=hint)
-    hint = (code == _ILLEGAL_ADDRESS and as_in_manuals(block.address)) or "does the profile fit the device?"
+    hint = (code == _ILLEGAL_ADDRESS and as_in_manuals(block.address)) or Text("profile_fits")
     return Refused(what, absent=code in _ABSENT, reason=reason, bus=bus, device=device, hint=hint)

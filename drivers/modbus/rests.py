@@ -1,34 +1,9 @@
-"""Rests: how long a busy unit is left alone before it is asked again, and which rest a unit needs after each answer."""
+"""Rests: how long a unit is left alone after an answer, because it is busy then or needs the time."""
 
 from dataclasses import dataclass
 from math import inf
 
-_FIRST_S = 0.05
-"""The first rest."""
-_NEXT_S = 0.1
-"""Each one after it, until the unit answers."""
-
-
-class Rests:
-    """The rests of the units on one bus."""
-
-    def __init__(self) -> None:
-        self._until_s: dict[int, float] = {}
-
-    def was_busy(self, unit: int, now_s: float) -> None:
-        """The unit has just answered that it is busy. now_s: monotonic"""
-        self._until_s[unit] = now_s + (_NEXT_S if unit in self._until_s else _FIRST_S)
-
-    def answered(self, unit: int) -> None:
-        """The unit is not busy any more, or is asked something new."""
-        self._until_s.pop(unit, None)
-
-    def left_s(self, unit: int, now_s: float) -> float:
-        """How much longer it rests; not above 0: it may be asked."""
-        return self._until_s.get(unit, now_s) - now_s
-
-
-_STEPS_S = (0.0, 0.05, 0.1, 0.2, 0.4)
+_STEPS_S = (0.0, 0.05, 0.1, 0.2, 0.3, 0.4)
 """Rests after an answer that are tried one after the other."""
 _SOON_S = 0.15
 """A request that is sent sooner than this after an answer may have come too soon."""
@@ -40,11 +15,26 @@ _CONFIRMED = 1000
 """The same, if such a request was missed."""
 _GIVEN_UP_S = 60.0
 """How long none is tried after none has helped."""
+_BUSY_S = 0.05
+"""The first rest after a unit has said that it is busy; each one after it, until it answers, is twice as long."""
+_MOST_BUSY = 3
+"""So often it is doubled."""
+_COPIES_S = 60.0
+"""How long after a copy of an answer more are expected of the unit."""
+_COPY_S = 0.2
+"""No copy is waited for longer than this."""
 
 
 @dataclass(slots=True)
-class _Minimum:
+class _Rest:
     answered_s: float = -inf
+    busy_until_s: float = -inf
+    busy: int = 0
+    """How often in a row it has said so."""
+    copied_s: float = -inf
+    """When a copy was heard."""
+    copy_s: float = 0.0
+    """How long after its answer it came."""
     step: int = 0
     missed: int = 0
     """Of those that came soon, in a row."""
@@ -59,38 +49,48 @@ class _Minimum:
     not_before_s: float = -inf
 
 
-class MinimumRests:
-    """Learns the rest that a unit needs after each answer: some ignore what comes sooner, or cannot pass it on.
+class Rests:
+    """Learns the rest that each unit needs after an answer: some ignore or refuse what comes sooner, or cannot pass it
+    on; some say that they are busy; of some each answer comes twice.
 
-    Times are monotonic seconds. A unit is any key.
+    Times are monotonic seconds.
     """
 
     def __init__(self) -> None:
-        self._of: dict[int, _Minimum] = {}
+        self._of: dict[int, _Rest] = {}
 
     def left_s(self, unit: int, now_s: float, *, first: bool) -> float:
         """How much longer it rests; not above 0: it may be asked.
 
-        first: other units wait for this, so that no rest is tried that has not helped yet
+        first: other units wait for this, so that no long rest is tried that has not helped yet
         """
+        if (one := self._of.get(unit)) is None:
+            return 0.0
+        until_s = one.busy_until_s
+        is_tried = not one.answers and one.most == _TRIED
+        waits = first and is_tried and len(self._of) > 1 and _STEPS_S[one.step] >= _SOON_S
+        if one.step and one.answers < one.most and not waits:
+            until_s = max(until_s, one.answered_s + _STEPS_S[one.step])
+        if self.sends_copies(unit, now_s):
+            until_s = max(until_s, one.answered_s + min(2 * one.copy_s, _COPY_S))
+        return until_s - now_s
+
+    def is_busy(self, unit: int) -> bool:
+        """Whether it has just said that it is busy."""
         one = self._of.get(unit)
-        if one is None or not one.step or one.answers >= one.most:
-            return 0.0
-        if first and not one.answers and one.most == _TRIED and len(self._of) > 1:
-            return 0.0
-        return one.answered_s + _STEPS_S[one.step] - now_s
+        return one is not None and one.busy > 0
 
     def sent(self, unit: int, now_s: float) -> None:
         """A request is sent."""
-        one = self._of.setdefault(unit, _Minimum())
+        one = self._of.setdefault(unit, _Rest())
         gap_s = now_s - one.answered_s
         one.soon = gap_s < max(_SOON_S, 1.2 * _STEPS_S[one.step])
         one.without = gap_s < 0.9 * _STEPS_S[one.step]
 
     def answered(self, unit: int, now_s: float) -> None:
         """It is answered."""
-        one = self._of.setdefault(unit, _Minimum())
-        one.answered_s = now_s
+        one = self._of.setdefault(unit, _Rest())
+        one.answered_s, one.busy, one.busy_until_s = now_s, 0, -inf
         if one.without and one.step:  # it needs none
             one.step, one.answers, one.most = 0, 0, _TRIED
         elif one.soon and one.step:
@@ -99,14 +99,21 @@ class MinimumRests:
             one.missed = 0
         one.soon = one.without = False
 
-    def refused(self, unit: int, now_s: float) -> None:
+    def not_reached(self, unit: int, now_s: float) -> None:
         """Its answer says that it could not be asked."""
         self.missed(unit, now_s)
         self._of[unit].answered_s = now_s
 
+    def was_busy(self, unit: int, now_s: float) -> None:
+        """Its answer says that it is busy."""
+        self.missed(unit, now_s)
+        one = self._of[unit]
+        one.answered_s, one.busy_until_s = now_s, now_s + _BUSY_S * 2 ** min(one.busy, _MOST_BUSY)
+        one.busy += 1
+
     def missed(self, unit: int, now_s: float) -> None:
         """It is not answered."""
-        one = self._of.setdefault(unit, _Minimum())
+        one = self._of.setdefault(unit, _Rest())
         soon, without = one.soon, one.without
         one.soon = one.without = False
         if without and one.answers >= one.most:  # it does need it
@@ -120,3 +127,13 @@ class MinimumRests:
         one.step, one.missed, one.answers, one.most = one.step + 1, 0, 0, _TRIED
         if one.step == len(_STEPS_S):
             one.step, one.not_before_s = 0, now_s + _GIVEN_UP_S
+
+    def sends_copies(self, unit: int, now_s: float) -> bool:
+        """Whether copies of its answers have come lately."""
+        one = self._of.get(unit)
+        return one is not None and now_s - one.copied_s < _COPIES_S
+
+    def copied(self, unit: int, after_s: float, now_s: float) -> None:
+        """A copy of its answer came so long after it."""
+        one = self._of.setdefault(unit, _Rest())
+        one.copied_s, one.copy_s = now_s, after_s

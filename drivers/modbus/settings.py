@@ -1,6 +1,6 @@
 """Settings of a Modbus bus, and the options of a unit."""
 
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 from pydantic import Field
 
@@ -54,6 +54,9 @@ class ModbusTcpSettings(HostSettings):
 
     port: Port = 502
     """TCP port."""
+    transaction_id: Literal["check", "ignore"] = "check"
+    """`ignore`: for a server that answers in order, but not with the number of the request; answers are then told apart
+    as on a serial line."""
 
 
 class ModbusOptions(Section):

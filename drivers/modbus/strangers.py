@@ -8,6 +8,7 @@ from collections.abc import Iterator
 
 from drivers.modbus.frames import alike, data_bytes, find_rtu_answer, is_rtu_frame, rtu_request
 from drivers.modbus.numbers import BIT_FUNCTIONS, REGISTER_FUNCTIONS, Block
+from drivers.text import Text
 
 _READS = (*BIT_FUNCTIONS, *REGISTER_FUNCTIONS)
 _FIXED = (*_READS, 5, 6, 15, 16)
@@ -76,7 +77,7 @@ class Strangers:
         recent = [text for at_s, text in self._heard if now_s - at_s < _WITHIN_S]
         if len(recent) < _ENOUGH:
             return ""
-        return f"{len(recent)} frames in the last minute are not ours, such as {recent[-1]}"
+        return Text("frames_not_ours", count=len(recent), such=recent[-1])
 
     def _form(self, frame: bytes) -> tuple[int, ...]:
         unit, function = frame[0], frame[1]
@@ -123,4 +124,4 @@ def _last_request(heard: bytes | bytearray, unit: int, block: Block) -> int:
 def _told(frame: bytes) -> str:
     """The frame in words. One of eight bytes may be a request or an answer."""
     unit, function = frame[0], frame[1] & 0x7F
-    return f"unit {unit}, function {function}: {frame[:12].hex(' ')}"
+    return Text("modbus_frame", unit=unit, function=function, bytes=frame[:12].hex(" "))

@@ -10,25 +10,26 @@ from drivers.base import Quality
 from drivers.faults import CodeRule, Fault, FaultText, check_code
 from drivers.modbus.numbers import BIT_FUNCTIONS, REGISTER_BITS, REGISTER_FUNCTIONS, Order, Span, as_in_manuals
 from drivers.section import Section, wrong
+from drivers.text import Text
 
 LAST_ADDRESS = 65535
 
 
 def _of_registers(function: int) -> int:
     if function not in REGISTER_FUNCTIONS:
-        raise ValueError(f"{function} does not read registers: expected 3 or 4; bits are channels in a [[block]]")
+        raise ValueError(Text("modbus_not_registers", function=function))
     return function
 
 
 def _of_bits(function: int) -> int:
     if function not in BIT_FUNCTIONS:
-        raise ValueError(f"{function} does not read bits: expected 1 or 2")
+        raise ValueError(Text("modbus_not_bits", function=function))
     return function
 
 
 def _no_manuals_number(address: object) -> object:
     if isinstance(address, int) and address > LAST_ADDRESS and (meant := as_in_manuals(address)):
-        raise ValueError(f"{address}: expected at most {LAST_ADDRESS}; {meant}")
+        raise ValueError(Text("modbus_manual_address", address=address, last=LAST_ADDRESS, meant=meant))
     return address
 
 
@@ -57,7 +58,7 @@ class Scaled(Section):
     @model_validator(mode="after")
     def _distinct(self) -> Self:
         if self.scale == 0:
-            raise wrong("0 would make every value the same", "scale")
+            raise wrong(Text("zero_scale"), "scale")
         return self
 
 
@@ -95,9 +96,9 @@ class TypeCodes(Section):
         for number, entry in enumerate(self.codes):
             span = self._span(entry)
             if span.low >= span.high:
-                raise wrong(f"{span.low} is not below high = {span.high}", "code", number, "low")
+                raise wrong(Text("not_below_high", low=span.low, high=span.high), "code", number, "low")
             if span.raw_low == span.raw_high:
-                what = f"{span.raw_low} equals raw_high: every value would be the same"
+                what = Text("modbus_flat", raw=span.raw_low)
                 raise wrong(what, "code", number, "raw_low")
         return self
 
@@ -145,12 +146,12 @@ class StatusRegister(Section):
     def _possible(self) -> Self:
         shared = self.channels_per_register > 1
         if shared and not self.bit_stride:
-            what = f"missing; {self.channels_per_register} channels share a register, {REGISTER_BITS} bits"
+            what = Text("modbus_no_stride", channels=self.channels_per_register, bits=REGISTER_BITS)
             raise wrong(what, "bit_stride")
         if self.bit_stride and not shared:
-            raise wrong(f"{self.bit_stride}: only where channels_per_register is more than 1", "bit_stride")
+            raise wrong(Text("modbus_stride_alone", stride=self.bit_stride), "bit_stride")
         if never := [code for code in self.good if code & ~self.bits]:
-            what = f"{never[0]} can never occur; only bits within mask = 0x{self.bits:X} are tested"
+            what = Text("modbus_good_never", number=never[0], mask=self.bits)
             raise wrong(what, "good")
         for number, rule in enumerate(self.rules):
             check_code(rule, self.bits, "rule", number)
@@ -168,7 +169,7 @@ class StatusRegister(Section):
         last = min(self.channels_per_register, channels) - 1
         highest = self.bits.bit_length() - 1 + last * self.bit_stride
         if highest >= REGISTER_BITS:
-            what = f"{self.bit_stride} puts the status of channel {last} at bit {highest}; a register ends at 15"
+            what = Text("modbus_stride_far", stride=self.bit_stride, channel=last, bit=highest)
             raise wrong(what, "status", "bit_stride")
 
     def register(self, channel: int) -> int:
@@ -205,12 +206,12 @@ class Plausibility(Section):
     @model_validator(mode="after")
     def _in_order(self) -> Self:
         if self.low >= self.high:
-            raise wrong(f"{self.low} is not below high = {self.high}", "low")
+            raise wrong(Text("not_below_high", low=self.low, high=self.high), "low")
         if (self.open_input_low is None) != (self.open_input_high is None):
             absent, other = ("low", "high") if self.open_input_low is None else ("high", "low")
-            raise wrong(f"missing; open_input_{other} needs it", f"open_input_{absent}")
+            raise wrong(Text("modbus_open_half", other=other), f"open_input_{absent}")
         if self.suspicious is not None and self.suspicious[0] > self.suspicious[1]:
-            what = f"{self.suspicious[0]} is above open_input_high = {self.suspicious[1]}"
+            what = Text("modbus_open_reversed", low=self.suspicious[0], high=self.suspicious[1])
             raise wrong(what, "open_input_low")
         return self
 
@@ -224,11 +225,9 @@ class Plausibility(Section):
     def fault(self, value: float, unit: str) -> Fault | None:
         """What is doubtful about the value; None: nothing."""
         if self.suspicious is not None and self.suspicious[0] <= value <= self.suspicious[1]:
-            return Fault(
-                Quality.SENSOR_FAULT, f"{value:.4g} {unit} is the reading of this device when an input is open"
-            )
+            return Fault(Quality.SENSOR_FAULT, Text("reads_open", value=value, unit=unit))
         if not self.low <= value <= self.high:
-            return Fault(Quality.OUT_OF_RANGE, f"{value:.4g} {unit} is outside {self.low:g} to {self.high:g} {unit}")
+            return Fault(Quality.OUT_OF_RANGE, Text("outside", value=value, unit=unit, low=self.low, high=self.high))
         return None
 
 

@@ -12,11 +12,12 @@ from drivers.mqtt.packets import publish_packet
 from drivers.mqtt.profile import MOST_BYTES
 from drivers.mqtt.settings import MqttBusSettings
 from drivers.tap import Tap
+from drivers.text import Text
 
 if TYPE_CHECKING:
     from drivers.mqtt.connection import MqttConnection
 
-REFUSED_HINT = "check the broker's rules"
+REFUSED_HINT = Text("mqtt_rules")
 ASK_REFUSED_AGAIN_S = 60.0
 MOST_TOPICS = 10_000
 """Most topics whose messages are kept: a wildcard, or a broker that sends what nobody asked for, must not fill the
@@ -85,7 +86,7 @@ class MqttBus:
             with placed(self.name):
                 refused = await asyncio.shield(opening)
                 if refused and refused == self._topics:
-                    what = f"{self._settings.url} refuses to send {', '.join(sorted(refused))}"
+                    what = Text("mqtt_refuses", url=self._settings.url, names=", ".join(sorted(refused)))
                     raise Refused(what, hint=REFUSED_HINT)
         except BaseException:  # cancelled: what is still being opened is closed afterwards
             opening.add_done_callback(lambda done: (done.exception(), loop.run_in_executor(None, connection.drop)))
@@ -150,9 +151,9 @@ class MqttBus:
                     self._arrived.clear()
                     await self._arrived.wait()
         if connection is None or not connection.is_open:
-            why = "not connected" if connection is None else connection.lost
+            why = Text("not_connected") if connection is None else connection.lost
             await self.close()
-            raise ConnectError(f"{self._settings.url}: {why}", bus=self.name, device=device)
+            raise ConnectError(Text("mqtt_failed", url=self._settings.url, why=why), bus=self.name, device=device)
 
     def _hearing(self, loop: asyncio.AbstractEventLoop) -> Callable[[str, bytes, bool], None]:
         def hear(topic: str, payload: bytes, retained: bool) -> None:

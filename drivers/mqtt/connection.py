@@ -20,6 +20,7 @@ from paho.mqtt.reasoncodes import ReasonCode
 from drivers.base import BadAnswer, ConnectError, NoAnswer, Refused
 from drivers.credential_files import secret_in, trust_in, unusable_file
 from drivers.mqtt.settings import MqttServer
+from drivers.text import Text
 
 _QOS: Final = 1
 """At least once: the broker acknowledges."""
@@ -53,7 +54,7 @@ class _ReportingClient(Client):
         try:
             super()._thread_main()
         except Exception as error:  # noqa: BLE001 - whatever the library raises at what a broker sent
-            self.failed(f"what the broker sends cannot be understood: {error!r}")
+            self.failed(Text("mqtt_malformed", error=repr(error)))
 
 
 class MqttConnection:
@@ -125,26 +126,27 @@ class MqttConnection:
         try:
             self._client.connect(server.host, server.port, server.keepalive_s)
         except ssl.SSLCertVerificationError as error:
-            hint = "is authority the one that issued the broker's certificate, and does that name this host?"
-            what = f"{server.url}: its certificate is not accepted: {error.verify_message}"
+            hint = Text("mqtt_authority")
+            what = Text("mqtt_certificate", url=server.url, why=error.verify_message)
             raise Refused(what, hint=hint) from error
         except ssl.SSLError as error:
-            what = f"{server.url}: no TLS connection: {error.reason or error}"
-            raise Refused(what, hint="is this the port with TLS?") from error
+            what = Text("mqtt_no_tls", url=server.url, why=error.reason or str(error))
+            raise Refused(what, hint=Text("mqtt_tls_port")) from error
         except TimeoutError as error:
-            raise NoAnswer(f"{server.url} does not answer within {self._timeout_s:g} s") from error
+            raise NoAnswer(Text("mqtt_silent", url=server.url, timeout_s=self._timeout_s)) from error
         except OSError as error:
-            hint = "is the broker running, and is the port correct?"
-            raise ConnectError(f"cannot open {server.url}: {error.strerror or error}", hint=hint) from error
+            hint = Text("mqtt_running")
+            raise ConnectError(
+                Text("mqtt_not_open", url=server.url, why=error.strerror or str(error)), hint=hint
+            ) from error
         self._client.loop_start()
         try:
-            hint = "does the broker trust certificate?" if server.encrypted else "does the broker expect mqtts://?"
-            hint += " Does it refuse MQTT 3.1.1, or want a client_id?"
-            self._wait(lambda: self._answer is not None, "the connection request", hint)
+            hint = Text("mqtt_not_taken_tls" if server.encrypted else "mqtt_not_taken")
+            self._wait(lambda: self._answer is not None, Text("mqtt_request"), hint)
             if self._answer is not None and self._answer.is_failure:
-                who = f"user {server.user!r}" if server.user else "a client without user"
-                hint = "check user, password_file, certificate and client_id, and the broker's rules"
-                raise Refused(f"{server.url} refuses {who} ({self._answer})", hint=hint)
+                who = Text("user", user=repr(server.user)) if server.user else Text("mqtt_no_user")
+                hint = Text("mqtt_check_user")
+                raise Refused(Text("mqtt_refuses_user", url=server.url, who=who, answer=str(self._answer)), hint=hint)
         except BaseException:
             self.drop()
             raise
@@ -156,8 +158,8 @@ class MqttConnection:
         for one in publications:
             code = self._client.publish(one.topic, one.payload, _QOS, one.retained).rc
             if code != MQTTErrorCode.MQTT_ERR_SUCCESS:
-                raise ConnectError(f"{self._server.url}: {self.lost or code.name}")
-        self._wait(lambda: self._acknowledged >= until, f"{len(publications)} messages")
+                raise ConnectError(Text("mqtt_failed", url=self._server.url, why=self.lost or code.name))
+        self._wait(lambda: self._acknowledged >= until, Text("mqtt_messages", count=len(publications)))
 
     def subscribe(self, topics: Sequence[str]) -> Collection[str]:
         """Receive these topics from now on; returns those that the broker refuses to send.
@@ -166,12 +168,12 @@ class MqttConnection:
         """
         code, number = self._client.subscribe([(topic, _QOS) for topic in topics])
         if code != MQTTErrorCode.MQTT_ERR_SUCCESS or number is None:
-            raise ConnectError(f"{self._server.url}: {self.lost or code.name}")
-        self._wait(lambda: number in self._granted, "the subscription")
+            raise ConnectError(Text("mqtt_failed", url=self._server.url, why=self.lost or code.name))
+        self._wait(lambda: number in self._granted, Text("mqtt_subscription"))
         granted = self._granted.pop(number)
         if len(granted) != len(topics):
-            what = f"{self._server.url} answers for {len(granted)} topics instead of {len(topics)}"
-            raise BadAnswer(what, hint="is this an MQTT broker?")
+            what = Text("mqtt_topics", url=self._server.url, count=len(granted), wanted=len(topics))
+            raise BadAnswer(what, hint=Text("mqtt_is_broker"))
         return {topic for topic, one in zip(topics, granted, strict=True) if one.is_failure}
 
     def close(self) -> None:
@@ -196,9 +198,9 @@ class MqttConnection:
     def _wait(self, done: Callable[[], bool], what: str, hint: str = "") -> None:
         with self._news:
             if not self._news.wait_for(lambda: done() or bool(self._lost), self._timeout_s):
-                raise NoAnswer(f"{self._server.url} does not acknowledge {what} within {self._timeout_s:g} s")
+                raise NoAnswer(Text("mqtt_unacknowledged", url=self._server.url, what=what, timeout_s=self._timeout_s))
             if not done():
-                raise ConnectError(f"{self._server.url}: {self._lost}", hint=hint)
+                raise ConnectError(Text("mqtt_failed", url=self._server.url, why=self._lost), hint=hint)
 
     def _connected(
         self, _client: Client, _data: object, _flags: ConnectFlags, reason: ReasonCode, _more: Properties | None
@@ -210,7 +212,7 @@ class MqttConnection:
     def _disconnected(
         self, _client: Client, _data: object, _flags: DisconnectFlags, reason: ReasonCode, _more: Properties | None
     ) -> None:
-        self._end(f"the connection was lost ({reason})")
+        self._end(Text("mqtt_lost", reason=str(reason)))
 
     def _end(self, why: str) -> None:
         with self._news:
@@ -259,5 +261,5 @@ def _tls(server: MqttServer) -> ssl.SSLContext:
         try:
             context.load_cert_chain(server.certificate, server.key, password=lambda: "")
         except (OSError, ValueError) as error:
-            raise unusable_file("certificate and key", server.certificate, error) from error
+            raise unusable_file("certificate", server.certificate, error) from error
     return context

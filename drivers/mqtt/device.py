@@ -8,6 +8,7 @@ from drivers.faults import Fault
 from drivers.mqtt.bus import REFUSED_HINT, MqttBus, TopicMessage
 from drivers.mqtt.profile import MqttProfile, MqttTopic
 from drivers.readings import ReadingMaker
+from drivers.text import Text
 
 
 class MqttDevice:
@@ -39,21 +40,21 @@ class MqttDevice:
     def _judged(self, topic: MqttTopic, message: TopicMessage | None) -> tuple[float | Fault, float]:
         """The value and its age, s."""
         if self._bus.refuses(topic.topic):
-            return Fault(Quality.COMM_FAULT, f"the broker refuses to send topic {topic.topic} ({REFUSED_HINT})"), 0.0
+            return Fault(Quality.COMM_FAULT, Text("mqtt_topic_refused", topic=topic.topic, hint=REFUSED_HINT)), 0.0
         if message is None:
-            return Fault(Quality.COMM_FAULT, f"no message of topic {topic.topic} has arrived yet"), 0.0
+            return Fault(Quality.COMM_FAULT, Text("mqtt_no_message", topic=topic.topic)), 0.0
         value, measured = topic.read(message.payload)
         if isinstance(value, Fault):
             return value, 0.0
         limit_s, arrived_s = self._max_age_s, monotonic() - message.arrived_s
         told_s = arrived_s if measured is None else (self._clock.utc() - measured).total_seconds()
         if measured is None and message.retained:
-            kept = f"the broker had kept this message of topic {topic.topic}, and it holds no time"
-            return Fault(Quality.STALE, f"{kept}; the age is unknown until the next message"), arrived_s
+            kept = Text("mqtt_kept", topic=topic.topic)
+            return Fault(Quality.STALE, Text("mqtt_age_unknown", kept=kept)), arrived_s
         if told_s < -limit_s:
-            return Fault(Quality.STALE, f"its time is {-told_s:.0f} s ahead of this computer's clock"), 0.0
+            return Fault(Quality.STALE, Text("mqtt_ahead", ahead_s=-told_s)), 0.0
         age_s = max(told_s, arrived_s)  # whatever the clocks say, it was measured before it arrived
         if age_s > limit_s:
-            how = "the payload's own time" if told_s > arrived_s else "the arrival of the last message"
-            return Fault(Quality.STALE, f"{age_s:.0f} s old by {how}"), age_s
+            how = Text("mqtt_by_payload") if told_s > arrived_s else Text("mqtt_by_arrival")
+            return Fault(Quality.STALE, Text("mqtt_old", age_s=age_s, how=how)), age_s
         return value, age_s

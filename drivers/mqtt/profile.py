@@ -4,18 +4,19 @@ import json
 import math
 from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Final, Literal
 
 from pydantic import Field
 
 from drivers.base import Quality
 from drivers.faults import Fault
 from drivers.number_types import WRITTEN_NUMBER
-from drivers.problems import shown
 from drivers.profile import DeviceProfile, LinearValue
 from drivers.section import NotEmpty, Positive, matching
+from drivers.text import Text, shown
 
 TimeUnit = Literal["s", "ms", "us", "ns"]
+_TWICE: Final = object()
 _PER_SECOND: dict[TimeUnit, float] = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
 MOST_BYTES = 65_536
 """Largest size of a payload."""
@@ -24,7 +25,7 @@ MOST_BYTES = 65_536
 class MqttTopic(LinearValue):
     """One channel: value = number * scale + offset."""
 
-    topic: Annotated[str, Field(max_length=1000), matching(r"[^+#\x00]+", "a topic without + and #")]
+    topic: Annotated[str, Field(max_length=1000), matching(r"[^+#\x00]+", "mqtt_a_topic")]
     """The topic, with all its levels."""
     number: NotEmpty | None = None
     """Where the number is in a JSON payload: names, and numbers of list elements, separated by dots, such as
@@ -38,23 +39,27 @@ class MqttTopic(LinearValue):
     def read(self, payload: bytes) -> tuple[float | Fault, datetime | None]:
         """The value and its time, UTC, or what is wrong."""
         if len(payload) > MOST_BYTES:
-            return Fault(Quality.SENSOR_FAULT, f"the payload has more than {MOST_BYTES} bytes"), None
+            return Fault(Quality.SENSOR_FAULT, Text("mqtt_long", most=MOST_BYTES)), None
         payload = payload.rstrip(b"\0")  # of a text that its sender counts with its end
         plain = payload.decode("ascii", "replace").strip()
         try:
-            content = plain if self.number is None and WRITTEN_NUMBER.fullmatch(plain) else json.loads(payload)
+            is_plain = self.number is None and WRITTEN_NUMBER.fullmatch(plain)
+            content = plain if is_plain else json.loads(payload, object_pairs_hook=_stated)
         except (ValueError, RecursionError):
-            return Fault(Quality.SENSOR_FAULT, f"the payload is neither a number nor JSON: {_quoted(payload)}"), None
+            return Fault(Quality.SENSOR_FAULT, Text("mqtt_no_json", payload=_quoted(payload))), None
         found = _at(content, self.number)
         number = number_in(found)
         if number is None:
-            where = f" at {self.number}" if self.number else ""
-            return Fault(Quality.SENSOR_FAULT, f"the payload holds no number{where}: {_quoted(payload)}"), None
+            payload_text = _quoted(payload)
+            text = Text("mqtt_no_number", payload=payload_text)
+            if self.number:
+                text = Text("mqtt_no_number_at", place=str(self.number), payload=payload_text)
+            return Fault(Quality.SENSOR_FAULT, text), None
         if self.time is None:
             return self.value(number), None
         measured = instant_in(_at(content, self.time), self.time_unit)
         if measured is None:
-            return Fault(Quality.STALE, f"the payload holds no time at {self.time}: {_quoted(payload)}"), None
+            return Fault(Quality.STALE, Text("mqtt_no_time", place=self.time, payload=_quoted(payload))), None
         return self.value(number), measured
 
 
@@ -78,6 +83,14 @@ class MqttProfile(DeviceProfile):
     def channels(self) -> int:
         """Number of channels."""
         return len(self.topics)
+
+
+def _stated(pairs: list[tuple[str, object]]) -> dict[str, object]:
+    """An object of JSON. What it states twice and differently is not a number, nor anything else."""
+    found: dict[str, object] = {}
+    for name, value in pairs:
+        found[name] = value if found.get(name, value) == value else _TWICE
+    return found
 
 
 def _at(content: object, path: str | None) -> object:

@@ -5,8 +5,9 @@ from typing import ClassVar, Self
 from pydantic import Field, model_validator
 
 from drivers.bus_settings import BusSettings, BusWire, Here
-from drivers.section import FilePath, NotEmpty, ServerTime, both_or_neither, host_and_port, user_and_password
+from drivers.section import FilePath, NotEmpty, ServerTime, both_or_neither, host_and_port, user_and_password, wrong
 from drivers.server_url import UrlServer
+from drivers.text import Text
 
 
 class MqttServer(UrlServer):
@@ -38,7 +39,7 @@ class MqttServer(UrlServer):
         user_and_password(self.user, self.password_file)
         both_or_neither("certificate", self.certificate, "key", self.key)
         if not self.encrypted and self.certificate:
-            raise ValueError("certificate and key have no effect without TLS: write mqtts:// in url")
+            raise wrong(Text("tls_certificate_alone", scheme="mqtts"), "certificate")
         return self
 
     @property

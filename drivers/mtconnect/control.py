@@ -9,6 +9,7 @@ from drivers.mtconnect.items import POSITION_UNITS, SPEED_UNITS, SWITCHED, facto
 from drivers.mtconnect.settings import MtConnectSettings
 from drivers.nc import AXES, LINEAR_AXES, NcSnapshot, OperatingMode, ProgramState
 from drivers.only_read import ONLY_READ, OnlyRead
+from drivers.text import Text, text_of
 
 _MODES = {
     "AUTOMATIC": OperatingMode.AUTO,
@@ -60,7 +61,7 @@ class MtConnectControl(OnlyRead):
         try:
             found = await asyncio.to_thread(described, body)
         except ValueError as error:
-            raise BadAnswer(f"probe: {error}", device="nc") from error
+            raise BadAnswer(Text("mtc_probe", error=text_of(error)), device="nc") from error
         self._factors = factors(self._settings, found.items)
         self._described_s = self._clock.monotonic()
         return found.instance
@@ -76,10 +77,10 @@ class MtConnectControl(OnlyRead):
         another data item that is not known costs only itself.
         """
         if not self._factors:
-            raise ConnectError("not connected", device="nc", hint="connect first")
+            raise ConnectError(Text("not_connected"), device="nc", hint=Text("connect_first"))
         settings, told = self._settings, (await self._observed()).values
         if missing := [axis for axis in AXES if settings.positions[axis] not in told]:
-            raise BadAnswer(f"no position of {', '.join(missing)}: the agent says UNAVAILABLE", device="nc")
+            raise BadAnswer(Text("mtc_no_position", names=", ".join(missing)), device="nc")
         positions = {axis: self._value(axis, settings.positions[axis], told) for axis in AXES}
         for axis, origin in zip(LINEAR_AXES, settings.origin_mm, strict=True):
             positions[axis] -= origin
@@ -116,8 +117,8 @@ class MtConnectControl(OnlyRead):
             await self._learn()
             restarted, found = found, await self._current()
             if found.instance != restarted.instance:
-                what = f"current: instance {found.instance or 'none'} after {restarted.instance or 'none'}"
-                raise BadAnswer(what, device="nc", hint="the agent restarts, or two of them answer")
+                what = Text("mtc_instance", one=found.instance or "none", other=restarted.instance or "none")
+                raise BadAnswer(what, device="nc", hint=Text("mtc_restarts"))
             self._instance = found.instance
         return found
 
@@ -125,7 +126,7 @@ class MtConnectControl(OnlyRead):
         try:
             return await asyncio.to_thread(observed, await self._get("current"))
         except ValueError as error:
-            raise BadAnswer(f"current: {error}", device="nc") from error
+            raise BadAnswer(Text("mtc_current", error=text_of(error)), device="nc") from error
 
     def _value(self, name: str, item: str, told: dict[str, str]) -> float:
         text = told[item]
@@ -134,8 +135,8 @@ class MtConnectControl(OnlyRead):
         return number(item, text, self._factors[name])
 
     def _quoted_item(self, item: str, told: dict[str, str]) -> str:
-        of = f" of {self._settings.machine}" if self._settings.machine else ""
-        return f"{told[item][:40]!r} (data item {item}{of})"
+        code = "mtc_item_of" if self._settings.machine else "mtc_item"
+        return Text(code, told=repr(told[item][:40]), item=item, machine=self._settings.machine)
 
     def _tool(self, text: str) -> int | None:
         """MTConnect's tool numbers are text; only whole ones are reported."""

@@ -4,6 +4,8 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from xml.parsers import expat
 
+from drivers.text import Text
+
 _DEEPEST = 50
 _MOST = 100_000
 """Elements; a large machine's description has some thousands. Each takes half a kilobyte and some microseconds."""
@@ -60,7 +62,7 @@ def elements(document: bytes) -> list[Element]:
         raise ValueError(f"it is not XML: {error}") from error
     for element in found:
         if element.name == "Error" and "errorCode" in element.attributes:
-            raise AgentError(f"the agent reports {element.attributes['errorCode'][:60]}: {element.text[:120]}")
+            raise AgentError(Text("mtc_reports", error=element.attributes["errorCode"][:60], said=element.text[:120]))
     return found
 
 
@@ -71,6 +73,7 @@ class Described:
     instance: str
     """Identity of the agent's start and of the machine's description; empty if it states none."""
     items: Mapping[str, Mapping[str, str]]
+    """Id to attributes; without any, if several data items have the id."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,14 +108,19 @@ def data_items(found: Collection[Element]) -> dict[str, Mapping[str, str]]:
     Agents from version 1.5 on name a coordinate system by its id; here `coordinateSystem` is its type in either case.
     """
     systems = {e.attributes.get("id", ""): e.attributes.get("type", "") for e in found if e.name == "CoordinateSystem"}
-    items = {}
+    items: dict[str, Mapping[str, str]] = {}
     for attributes in (e.attributes for e in found if e.name == "DataItem" and "id" in e.attributes):
         named = attributes.get("coordinateSystemIdRef", "")
-        items[attributes["id"]] = {**attributes, "coordinateSystem": systems[named]} if named in systems else attributes
+        told = {**attributes, "coordinateSystem": systems[named]} if named in systems else attributes
+        items[attributes["id"]] = {} if attributes["id"] in items else told
     return items
 
 
 def latest_values(found: Iterable[Element]) -> dict[str, str]:
-    """Id to the latest value of each data item that has one, of an answer to `current`."""
-    latest = {e.attributes["dataItemId"]: e.text for e in found if "dataItemId" in e.attributes}
+    """Id to the latest value of each data item that has one, of an answer to `current`; to all of them in one text if
+    there are several, so that none passes for a number."""
+    latest: dict[str, str] = {}
+    for e in found:
+        if (item := e.attributes.get("dataItemId")) is not None:
+            latest[item] = e.text if latest.get(item, e.text) == e.text else f"{latest[item]} and {e.text}"
     return {item: text for item, text in latest.items() if text != _UNAVAILABLE}

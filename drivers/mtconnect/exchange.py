@@ -8,6 +8,7 @@ from drivers.base import BadAnswer, ConnectError, NoAnswer
 from drivers.error_words import in_words
 from drivers.hang_up import HangUp
 from drivers.mtconnect.document import AgentError, elements
+from drivers.text import NOTHING, Text, text_of
 
 _MOST_BYTES = 8_000_000
 """Largest size of one answer."""
@@ -23,16 +24,19 @@ async def ask_agent(url: str, machine: str, request: str, timeout_s: float) -> b
         async with asyncio.timeout(timeout_s):
             status, body = await asyncio.to_thread(exchange.run, timeout_s)
     except TimeoutError as error:
-        raise NoAnswer(f"{url}: no answer to {request} within {timeout_s:g} s", device="nc") from error
+        raise NoAnswer(Text("mtc_silent", url=url, request=request, timeout_s=timeout_s), device="nc") from error
     except (OSError, http.client.HTTPException, ValueError, OverflowError) as error:  # ValueError: of a chunk's size
-        raise ConnectError(f"{url}: {in_words(error)}", device="nc") from error
+        raise ConnectError(Text("mtc_failed", url=url, why=in_words(error)), device="nc") from error
     finally:
         exchange.hang_up.now()
     if len(body) > _MOST_BYTES:
-        raise BadAnswer(f"{request}: more than {_MOST_BYTES} bytes", device="nc")
+        raise BadAnswer(Text("mtc_long", request=request, most=_MOST_BYTES), device="nc")
     if status != http.HTTPStatus.OK:
         why = await asyncio.to_thread(_why, body)
-        raise BadAnswer(f"{request}: HTTP status {status}{why}", device="nc", hint="check url and machine")
+        said = Text("mtc_status", request=request, status=status)
+        if why:
+            said = Text("mtc_status_why", request=request, status=status, why=why)
+        raise BadAnswer(said, device="nc", hint=Text("mtc_check"))
     return body
 
 
@@ -58,12 +62,12 @@ class _Exchange:
             connection.close()
 
 
-def _why(body: bytes) -> str:
+def _why(body: bytes) -> Text:
     """What an MTConnect agent says of its refusal."""
     try:
         elements(body)
     except AgentError as error:
-        return f", {error}"
+        return text_of(error)
     except ValueError:
         pass
-    return ""
+    return NOTHING

@@ -7,6 +7,7 @@ from drivers.base import BadAnswer, WrongDevice
 from drivers.mtconnect.settings import MtConnectSettings
 from drivers.nc import LINEAR_AXES, ROTARY_AXES
 from drivers.number_types import WRITTEN_NUMBER
+from drivers.text import Text
 
 _MM = {"MILLIMETER": 1.0}
 _DEGREES = {"DEGREE": 1.0}
@@ -35,19 +36,19 @@ ITEM_TYPES = {
 def factors(settings: MtConnectSettings, found: Mapping[str, Mapping[str, str]]) -> dict[str, float]:
     """Axis or state to the factor from its data item's unit to the gateway's.
 
-    found: id to attributes, as the agent tells them. Raises WrongDevice for a data item that the agent does not have
+    found: id to attributes, as the agent tells them . Raises WrongDevice for a data item that the agent does not have
     or that is something else, naming field, id and what is expected.
     """
     for name, kind in ITEM_TYPES.items():
         item = getattr(settings, name)
         if item and (told := _of(found, name, item).get("type")) != kind:
-            raise WrongDevice(f"{name} = {item!r} is of type {told}: expected {kind}", device="nc")
+            raise WrongDevice(Text("mtc_type", name=name, item=repr(item), told=told, kind=kind), device="nc")
     made = {}
     for axis, item in settings.positions.items():
         about = _of(found, f"positions.{axis}", item)
         if (system := about.get("coordinateSystem", "MACHINE")) not in FIXED_SYSTEMS:
-            what = f"positions.{axis} = {item!r} is in {system} coordinates, which may move"
-            raise WrongDevice(what, device="nc", hint="use the data item in MACHINE coordinates")
+            what = Text("mtc_coordinates", axis=axis, item=repr(item), system=system)
+            raise WrongDevice(what, device="nc", hint=Text("mtc_machine_coordinates"))
         made[axis] = _factor(f"positions.{axis}", item, about, POSITION_UNITS[axis])
     for name, item in settings.states.items():
         about = _of(found, f"states.{name}", item)
@@ -57,14 +58,19 @@ def factors(settings: MtConnectSettings, found: Mapping[str, Mapping[str, str]])
 
 def _of(found: Mapping[str, Mapping[str, str]], where: str, item: str) -> Mapping[str, str]:
     if item not in found:
-        raise WrongDevice(f"{where} = {item!r}: the agent has no such data item", device="nc", hint="see its /probe")
+        raise WrongDevice(Text("mtc_no_item", where=where, item=repr(item)), device="nc", hint=Text("mtc_see_probe"))
+    if not found[item]:
+        raise WrongDevice(Text("mtc_twice", where=where, item=repr(item)), device="nc", hint=Text("mtc_state_machine"))
     return found[item]
 
 
 def _factor(where: str, item: str, about: Mapping[str, str], units: Mapping[str, float]) -> float:
     unit = about.get("units", "")
     if unit not in units:
-        raise WrongDevice(f"{where} = {item!r} is in {unit or 'no unit'}: expected {' or '.join(units)}", device="nc")
+        raise WrongDevice(
+            Text("mtc_unit", where=where, item=repr(item), unit=unit or Text("mtc_no_unit"), wanted=" or ".join(units)),
+            device="nc",
+        )
     return units[unit]
 
 
@@ -72,5 +78,5 @@ def number(item: str, text: str, factor: float) -> float:
     """What an agent reports of a data item, in the gateway's unit. Raises BadAnswer: not a finite number."""
     value = float(text) * factor if WRITTEN_NUMBER.fullmatch(text.strip()) else math.nan
     if not math.isfinite(value):
-        raise BadAnswer(f"{item} = {text[:40]!r}: expected a number", device="nc")
+        raise BadAnswer(Text("mtc_no_number", item=item, text=repr(text[:40])), device="nc")
     return value

@@ -6,6 +6,7 @@ from drivers.base import BadAnswer, Clock
 from drivers.mtconnect.settings import MtConnectSettings
 from drivers.mtconnect.suggest import SuggestedItems, suggested_items
 from drivers.nc import NumericalControl
+from drivers.text import Text, text_of
 
 
 def make_mtconnect(settings: MtConnectSettings, clock: Clock) -> NumericalControl:
@@ -26,4 +27,4 @@ async def suggest_mtconnect(url: str, machine: str, timeout_s: float) -> Suggest
     try:
         return await asyncio.to_thread(suggested_items, body)
     except ValueError as error:
-        raise BadAnswer(f"probe: {error}", device="nc") from error
+        raise BadAnswer(Text("mtc_probe", error=text_of(error)), device="nc") from error

@@ -8,8 +8,9 @@ from pydantic import AfterValidator, Field
 
 from drivers.nc import AXES
 from drivers.section import NotEmpty, Section, ServerTime, matching
+from drivers.text import Text, shown
 
-_AS_IN_PROBE = "the id of a data item, as in the agent's /probe"
+_AS_IN_PROBE = "mtconnect_an_id"
 ItemId = Annotated[str, matching(r"[^\s\"'<>&]+", _AS_IN_PROBE)]
 ItemIdOrNone = Annotated[str, matching(r"[^\s\"'<>&]*", _AS_IN_PROBE)]
 
@@ -21,19 +22,18 @@ def _http(url: str) -> str:
     except ValueError:  # a port that is not a number of 1 to 65535
         good = False
     if not good or parts.query or parts.fragment or parts.username is not None:
-        raise ValueError(f"{url!r}: expected http://HOST:PORT")
+        raise ValueError(Text("http_url", value=shown(url)))
     return url
 
 
 def _all_axes(positions: Mapping[str, str]) -> Mapping[str, str]:
     if set(positions) != set(AXES):
-        given = ", ".join(positions) or "none"
-        raise ValueError(f"{given}: expected the id of a data item for each of {', '.join(AXES)}")
+        raise ValueError(Text("mtconnect_positions", given=tuple(positions) or "-", axes=AXES))
     return positions
 
 
 AgentUrl = Annotated[NotEmpty, AfterValidator(_http)]
-MachineOfAgent = Annotated[str, matching(r"[\w.-]*", "the name or uuid of a machine")]
+MachineOfAgent = Annotated[str, matching(r"[\w.-]*", "mtconnect_a_machine")]
 
 
 class MtConnectSettings(Section):

@@ -10,7 +10,9 @@ from cryptography.hazmat.primitives.asymmetric import rsa
 from cryptography.hazmat.primitives.serialization import load_der_private_key, load_pem_private_key
 
 from drivers.base import SetupError
+from drivers.bounded_file import bytes_of
 from drivers.credential_files import ENDS_SOON, unusable_file
+from drivers.text import Text
 
 LEAST_BITS = 2048
 """Smallest size of RSA keys (OPC UA Part 7, Basic256Sha256)."""
@@ -21,7 +23,7 @@ MOST_BITS = 4096
 def valid_certificate(path: Path | None, name: str, device: str) -> x509.Certificate:
     """The certificate in a file. Raises SetupError unless it is one and is valid at present."""
     try:
-        content = path.read_bytes() if path is not None else b""
+        content = bytes_of(path) if path is not None else b""
         pem = content.startswith(b"-----BEGIN")
         certificate = x509.load_pem_x509_certificate(content) if pem else x509.load_der_x509_certificate(content)
     except (OSError, ValueError) as error:
@@ -29,9 +31,10 @@ def valid_certificate(path: Path | None, name: str, device: str) -> x509.Certifi
     begin, end = certificate.not_valid_before_utc, certificate.not_valid_after_utc
     if not begin <= datetime.now(UTC) <= end:
         raise SetupError(
-            f"{name} = {str(path)!r} is valid from {begin:%Y-%m-%d %H:%M} to {end:%Y-%m-%d %H:%M} UTC, not now",
+            Text("opcua_not_valid", path=str(path), begin=begin, end=end),
+            field=(name,),
             device=device,
-            hint="renew it; if it is new, check this computer's clock",
+            hint=Text("opcua_renew"),
         )
     return certificate
 
@@ -39,23 +42,23 @@ def valid_certificate(path: Path | None, name: str, device: str) -> x509.Certifi
 def check_key(certificate: x509.Certificate, path: Path | None, device: str) -> None:
     """Raises SetupError unless the file holds the certificate's key, and Basic256Sha256 takes it (Part 7: RSA)."""
     try:
-        content = path.read_bytes() if path is not None else b""
+        content = bytes_of(path) if path is not None else b""
         read = load_pem_private_key if content.startswith(b"-----BEGIN") else load_der_private_key
         key = read(content, None)
     except (OSError, ValueError, TypeError, UnsupportedAlgorithm) as error:
         raise unusable_file("private_key", path, error, device) from error
-    if not isinstance(key, rsa.RSAPrivateKey) or not LEAST_BITS <= key.key_size <= MOST_BITS:
-        found = f"RSA of {key.key_size} bits" if isinstance(key, rsa.RSAPrivateKey) else "no RSA key"
-        raise SetupError(
-            f"private_key = {str(path)!r} is {found}: Basic256Sha256 takes RSA of {LEAST_BITS} to {MOST_BITS} bits",
-            device=device,
-            hint="make a new key and a certificate with it",
-        )
+    bits = key.key_size if isinstance(key, rsa.RSAPrivateKey) else 0
+    if not LEAST_BITS <= bits <= MOST_BITS:
+        what = Text("opcua_no_rsa", path=str(path), least=LEAST_BITS, most=MOST_BITS)
+        if bits:
+            what = Text("opcua_key_size", path=str(path), bits=bits, least=LEAST_BITS, most=MOST_BITS)
+        raise SetupError(what, field=("private_key",), device=device, hint=Text("opcua_new_key"))
     if key.public_key() != certificate.public_key():
         raise SetupError(
-            f"private_key = {str(path)!r} is the key of another certificate",
+            Text("opcua_other_key", path=str(path)),
+            field=("private_key",),
             device=device,
-            hint="certificate and private_key are made together",
+            hint=Text("opcua_made_together"),
         )
 
 
@@ -68,7 +71,7 @@ def application_uri(certificate: x509.Certificate, path: Path | None, device: st
     else:
         uris = names.get_values_for_type(x509.UniformResourceIdentifier)
     if not uris:
-        raise SetupError(f"certificate = {str(path)!r} holds no application URI as alternative name", device=device)
+        raise SetupError(Text("opcua_no_uri", path=str(path)), field=("certificate",), device=device)
     return uris[0]
 
 

@@ -11,8 +11,8 @@ from drivers.number_types import WRITTEN_NUMBER
 from drivers.opcua.bus import OpcUaBus
 from drivers.opcua.nodes import NodeValue
 from drivers.opcua.profile import OpcUaNode, OpcUaProfile
-from drivers.problems import shown
 from drivers.readings import ReadingMaker
+from drivers.text import Text, shown
 
 
 class OpcUaDevice:
@@ -34,10 +34,10 @@ class OpcUaDevice:
         values = await self._ask()
         if all(value.is_unknown for value in values):
             raise WrongDevice(
-                f"the server has none of the nodes {', '.join(map(str, self._names[:3]))}",
+                Text("opcua_no_nodes", names=", ".join(map(str, self._names[:3]))),
                 bus=self._bus.name,
                 device=self.device,
-                hint=values[0].detail or "compare ids and namespace with the server's own, case included",
+                hint=values[0].detail or Text("opcua_compare_ids"),
             )
 
     async def read(self, *, again: bool = False) -> Sequence[Reading]:  # noqa: ARG002
@@ -82,14 +82,14 @@ class OpcUaDevice:
             (raw,) = raw
         if node.element is not None and not (node.element == 0 and isinstance(raw, int | float)):
             if not isinstance(raw, Sequence) or isinstance(raw, str | bytes) or len(raw) <= node.element:
-                return Fault(Quality.SENSOR_FAULT, f"the node holds no element {node.element}: {shown(raw)}")
+                return Fault(Quality.SENSOR_FAULT, Text("opcua_no_element", element=node.element, raw=shown(raw)))
             raw = raw[node.element]
         if isinstance(raw, str) and WRITTEN_NUMBER.fullmatch(raw.strip()):
             raw = float(raw)
         if not isinstance(raw, int | float):
-            return Fault(Quality.SENSOR_FAULT, f"the node holds no number: {shown(raw)}")
+            return Fault(Quality.SENSOR_FAULT, Text("opcua_no_number", raw=shown(raw)))
         if isinstance(raw, bool) and (node.unit or self._profile.unit) != "1":
-            return Fault(Quality.SENSOR_FAULT, f'the node holds {raw}, which is a number only with unit = "1"')
+            return Fault(Quality.SENSOR_FAULT, Text("opcua_truth", raw=raw))
         return node.value(raw)
 
     def _too_old(self, found: NodeValue, age_s: float) -> Fault | None:
@@ -97,12 +97,11 @@ class OpcUaDevice:
         if limit_s is None:
             return None
         if found.age_s is None:
-            return Fault(Quality.STALE, "the server does not say when the value was measured; omit max_age_s")
+            return Fault(Quality.STALE, Text("opcua_no_time"))
         if age_s > limit_s:
-            return Fault(Quality.STALE, f"the server's source measured it {age_s:.0f} s ago")
+            return Fault(Quality.STALE, Text("opcua_old", age_s=age_s))
         if found.age_s < -limit_s:
-            text = f"its source timestamp is {-found.age_s:.0f} s ahead of the server's clock"
-            return Fault(Quality.STALE, text + "; set the source's clock, or omit max_age_s")
+            return Fault(Quality.STALE, Text("opcua_ahead", ahead_s=-found.age_s))
         return None
 
 
@@ -110,9 +109,9 @@ def _number_in(found: NodeValue, node: OpcUaNode, form: struct.Struct) -> float 
     """The number that the node's bytes hold, without the bits that it leaves out."""
     data = found.data
     if data is None:
-        return Fault(Quality.SENSOR_FAULT, f"the node holds no bytes: {shown(found.value)}")
+        return Fault(Quality.SENSOR_FAULT, Text("opcua_no_bytes", raw=shown(found.value)))
     first = node.element or 0
     if len(data) < (needed := first + form.size):
-        return Fault(Quality.SENSOR_FAULT, f"the node holds {len(data)} of the {needed} bytes that the channel needs")
+        return Fault(Quality.SENSOR_FAULT, Text("opcua_few_bytes", count=len(data), needed=needed))
     number: int | float = form.unpack_from(data, first)[0]
     return int(number) >> node.shift if node.shift else number

@@ -11,6 +11,7 @@ from pydantic import AfterValidator
 
 from drivers.base import Quality
 from drivers.faults import Fault
+from drivers.text import Text, shown
 
 _FORM = re.compile(r"(?:ns=(\d+);|nsu=([^;\s]+);)?(i=\d+|s=.+|g=[0-9A-Fa-f-]{36}|b=[A-Za-z0-9+/=]+)", re.DOTALL)
 
@@ -59,8 +60,7 @@ def _checked(text: str) -> str:
     try:
         node_name(text)
     except ValueError:
-        examples = "'s=/Plc/MB1', 'ns=2;i=1001' or 'nsu=urn:maker;s=Temperature'"
-        raise ValueError(f"{text!r}: expected a node id, such as {examples}") from None
+        raise ValueError(Text("opcua_a_node", value=shown(text))) from None
     return text
 
 
@@ -106,12 +106,12 @@ class NodeValue:
         quality = _QUALITIES.get(code)
         if quality is None and not self.status & _SEVERITY:
             limit = _LIMITS.get(self.status & _DETAILS)
-            text = f"the server reports that the value is at its {limit} limit"
+            text = Text("opcua_at_limit", limit=limit)
             return None if limit is None else Fault(Quality.OUT_OF_RANGE, text)
         if quality is None:
             quality = Quality.SENSOR_FAULT if self.status & _SEVERITY == _UNCERTAIN else Quality.COMM_FAULT
-        hint = ": compare the id with the server's own names, case included" if self.is_unknown else ""
-        return Fault(quality, f"the server reports {self.status_name}{hint}")
+        said = "opcua_unknown_node" if self.is_unknown else "opcua_bad_status"
+        return Fault(quality, Text(said, status=self.status_name))
 
 
 NO_NAMESPACE: Final = NodeValue(None, 0x8033_0000, "BadNodeIdInvalid")
@@ -120,7 +120,7 @@ NO_NAMESPACE: Final = NodeValue(None, 0x8033_0000, "BadNodeIdInvalid")
 
 def moved(index: int, known: str, found: str) -> NodeValue:
     """The value of a node whose namespace index belonged to another namespace at the first connection."""
-    what = f"namespace {index} was {known} and is {found or 'none'} now: name the node by nsu={known} in the profile"
+    what = Text("opcua_namespace_moved", index=index, known=known, found=found or "none")
     return NodeValue(None, NO_NAMESPACE.status, NO_NAMESPACE.status_name, detail=what)
 
 

@@ -11,6 +11,7 @@ from drivers.number_types import BYTE_FORMATS, ByteNumber, check_shift, raw_numb
 from drivers.opcua.nodes import NodeName, NodeText, node_name
 from drivers.profile import DeviceProfile, LinearValue
 from drivers.section import NotEmpty, Positive, wrong
+from drivers.text import Text
 
 
 class OpcUaNode(LinearValue):
@@ -34,7 +35,7 @@ class OpcUaNode(LinearValue):
         if self.type is None:
             for field in ("shift", "invalid"):
                 if field in self.model_fields_set:
-                    raise wrong("only with type, for a node that holds bytes", field)
+                    raise wrong(Text("opcua_of_bytes"), field)
             return self
         check_shift(self.shift, self.type)
         for number, rule in enumerate(self.invalid):

@@ -10,9 +10,15 @@ from typing import TypeVar
 
 from asyncua.client.client import Client
 from asyncua.client.ua_client import UaClientState
-from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
+from asyncua.crypto.security_policies import (
+    SecurityPolicy,
+    SecurityPolicyAes128Sha256RsaOaep,
+    SecurityPolicyAes256Sha256RsaPss,
+    SecurityPolicyBasic256Sha256,
+)
 from asyncua.ua.attribute_ids import AttributeIds
 from asyncua.ua.uaerrors import UaError, UaStatusCodeError
+from asyncua.ua.uaprotocol_auto import MessageSecurityMode
 from asyncua.ua.uatypes import DataValue, Int16, NodeId, StatusCode, String, Variant, VariantType
 
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused, SetupError, WrongDevice
@@ -24,12 +30,17 @@ from drivers.opcua.nodes import NO_NAMESPACE, NodeName, NodeValue, moved
 from drivers.opcua.settings import OpcUaServer, with_port
 from drivers.opcua.status_codes import CERTIFICATE, DENIED, LOST, TOO_MANY, UNKNOWN_NODE
 from drivers.opcua.subscription import Subscription
+from drivers.text import NOTHING, Text
 
 # Our errors report a lost connection; a handler that the service installs still receives the library's messages.
 logging.getLogger("asyncua").addHandler(logging.NullHandler())
 
-SECURE = "set security = 'Basic256Sha256' and the certificates"
+SECURE = Text("opcua_secure")
 KEPT_S = 60.0
+_POLICIES: Mapping[str, type[SecurityPolicy]] = {
+    policy.URI.partition("#")[2]: policy
+    for policy in (SecurityPolicyBasic256Sha256, SecurityPolicyAes128Sha256RsaOaep, SecurityPolicyAes256Sha256RsaPss)
+}
 T = TypeVar("T")
 OpcUaNumber = float | int | bool
 
@@ -76,7 +87,7 @@ class OpcUaSession:
         """
         await self.close()
         try:
-            async with self._malformed_is_bad("opens the session"):
+            async with self._malformed_is_bad(Text("opcua_opens")):
                 await self._connect()
         except BaseException:  # also when cancelled: a session without its namespaces would read other nodes
             await self.close()
@@ -99,13 +110,13 @@ class OpcUaSession:
         except (UaError, OSError, TimeoutError, AssertionError) as error:
             raise self._unreachable(error) from error
         except Exception as error:  # the library decodes the server's answers without checking them
-            raise self._unreadable(error, "opens the session") from error
+            raise self._unreadable(error, Text("opcua_opens")) from error
         finally:
             if client.state is not UaClientState.CONNECTED:
                 await _drop(client)
         self._client, self._kept_s = client, client.session_timeout * 1e-3  # as the server has revised it
         self._nodes.clear()
-        namespaces = await self._ask(client.get_namespace_array(), "reads the namespaces") or []
+        namespaces = await self._ask(client.get_namespace_array(), Text("opcua_reads_namespaces")) or []
         self._namespaces = namespaces
         self._most_nodes = 0
         with suppress(BadAnswer, Refused):
@@ -116,9 +127,9 @@ class OpcUaSession:
             return
         if wanted not in namespaces:
             raise WrongDevice(
-                f"the server at {settings.url} has no namespace {wanted!r}",
+                Text("opcua_no_namespace", url=settings.url, wanted=repr(wanted)),
                 device=self._device,
-                hint=f"it has {', '.join(map(str, namespaces or ['none']))}",
+                hint=Text("opcua_it_has", names=", ".join(map(str, namespaces or ["none"]))),
             )
         self._namespace = namespaces.index(wanted)
 
@@ -151,7 +162,7 @@ class OpcUaSession:
         None where the control has no good value at present. Raises WrongDevice for a node that does not exist, Refused
         for a missing right.
         """
-        async with self._malformed_is_bad("reads"):
+        async with self._malformed_is_bad(Text("opcua_reads")):
             answer = await self._read(self._ids(paths))
             return [self._value(path, value) for path, value in zip(paths, answer, strict=True)]
 
@@ -161,7 +172,7 @@ class OpcUaSession:
 
         aged: state how old the values are, by the server's own clock
         """
-        async with self._malformed_is_bad("reads"):
+        async with self._malformed_is_bad(Text("opcua_reads")):
             strange = {name: value for name in names if (value := self._moved(name)) is not None}
             asked = [name for name in names if name not in strange]
             known = {name: node for name in asked if (node := node_id(name, self._namespaces)) is not None}
@@ -193,7 +204,7 @@ class OpcUaSession:
             most = self._most_nodes or len(nodes)
             part = nodes[len(found) : len(found) + most]
             try:
-                answer = await self._ask(client.uaclient.read_attributes(part, AttributeIds.Value), "reads")
+                answer = await self._ask(client.uaclient.read_attributes(part, AttributeIds.Value), Text("opcua_reads"))
             except BadAnswer as error:
                 if len(part) == 1 or getattr(error.__cause__, "code", None) != TOO_MANY:
                     raise
@@ -206,8 +217,8 @@ class OpcUaSession:
     async def subscribe(self, paths: tuple[str, ...], interval_s: float) -> bool:
         """Subscribe to changes of these nodes until the session ends; False when the server refuses."""
         subscription = Subscription(self._open(), self._ids(paths), interval_s)
-        async with self._malformed_is_bad("subscribes"):
-            started = await self._ask(subscription.start(), "subscribes")
+        async with self._malformed_is_bad(Text("opcua_subscribes")):
+            started = await self._ask(subscription.start(), Text("opcua_subscribes"))
         self._subscriptions[paths] = subscription if started else None
         return started
 
@@ -217,7 +228,7 @@ class OpcUaSession:
         values = subscription.latest() if subscription is not None else None
         if values is None:
             return await self.read(paths)
-        async with self._malformed_is_bad("takes a notification"):
+        async with self._malformed_is_bad(Text("opcua_takes")):
             return [self._value(path, value) for path, value in zip(paths, values, strict=True)]
 
     async def write(self, values: Mapping[str, float]) -> None:
@@ -229,8 +240,8 @@ class OpcUaSession:
         paths = tuple(values)
         data = [DataValue(Variant(float(v), VariantType.Double)) for v in values.values()]
         request = client.uaclient.write_attributes(self._ids(paths), data, AttributeIds.Value)
-        async with self._malformed_is_bad("writes"):
-            answer = await self._ask(request, "writes", reset=True)
+        async with self._malformed_is_bad(Text("opcua_writes")):
+            answer = await self._ask(request, Text("opcua_writes"), reset=True)
             self._expect(len(paths), answer, "statuses")
             for path, status in zip(paths, answer, strict=True):
                 if not status.is_good():
@@ -238,7 +249,9 @@ class OpcUaSession:
 
     def _open(self) -> Client:
         if self._client is None:
-            raise ConnectError(f"no session with {self._settings.url}", device=self._device, hint="connect first")
+            raise ConnectError(
+                Text("opcua_no_session", url=self._settings.url), device=self._device, hint=Text("connect_first")
+            )
         return self._client
 
     def _ids(self, paths: tuple[str, ...]) -> list[NodeId]:
@@ -264,7 +277,7 @@ class OpcUaSession:
         """Raises BadAnswer unless the answer is a list of that length."""
         if not isinstance(answer, list) or len(answer) != count:
             found = len(answer) if isinstance(answer, list) else "no"
-            raise BadAnswer(f"{found} {of} for {count} nodes", device=self._device)
+            raise BadAnswer(Text("opcua_count", n=found, of=of, count=count), device=self._device)
 
     async def _ask(self, request: Awaitable[T], what: str, *, reset: bool = False) -> T:
         """reset: a request without an answer shall not arrive later, as far as this computer can prevent it."""
@@ -289,33 +302,32 @@ class OpcUaSession:
     def _bad_status(self, path: str, status: StatusCode, verb: str) -> DriverError:
         if status.value in UNKNOWN_NODE:
             return WrongDevice(
-                f"{path} does not exist ({status.name})",
+                Text("opcua_absent", path=path, status=status.name),
                 device=self._device,
-                hint="compare the path with the server's own names, case included",
+                hint=Text("opcua_compare_path"),
             )
         right = next((f"{right}{verb.capitalize()}" for part, right in self._rights.items() if part in path), "")
-        who = f"user {self._settings.user!r}" if self._settings.user else "the anonymous user"
+        who = Text("user", user=repr(self._settings.user)) if self._settings.user else Text("opcua_anonymous")
         return Refused(
-            f"the server does not let the gateway {verb} {path} ({status.name})",
+            Text("opcua_denied", verb=verb, path=path, status=status.name),
             device=self._device,
-            hint=f"give {who} the right {right} on the control (GiveUserAccess)" if right else "",
+            hint=Text("opcua_give_right", who=who, right=right) if right else "",
         )
 
     def _translated(self, error: Exception, what: str) -> DriverError:
         """Our error for a library error in an open session."""
         if isinstance(error, TimeoutError):
-            return NoAnswer(
-                f"no answer within {self._settings.timeout_s:g} s while the gateway {what}", device=self._device
-            )
+            silent = Text("opcua_no_answer", timeout_s=self._settings.timeout_s, what=what)
+            return NoAnswer(silent, device=self._device, hint=Text("opcua_slow"))
         if isinstance(error, UaStatusCodeError) and error.code not in LOST:
             kind = Refused if error.code in DENIED else BadAnswer
-            return kind(f"the server answers {_name(error)} when the gateway {what}", device=self._device)
-        return ConnectError(f"the connection to {self._settings.url} is lost: {in_words(error)}", device=self._device)
+            return kind(Text("opcua_answers", status=_name(error), what=what), device=self._device)
+        return ConnectError(Text("opcua_lost", url=self._settings.url, why=in_words(error)), device=self._device)
 
     def _unreadable(self, error: Exception, what: str) -> BadAnswer:
         """Our error for an exception that is not one of the library's own."""
         return BadAnswer(
-            f"the server's answer is malformed when the gateway {what}: {type(error).__name__}: {error}",
+            Text("opcua_malformed", what=what, kind=type(error).__name__, error=str(error)),
             device=self._device,
         )
 
@@ -324,41 +336,47 @@ class OpcUaSession:
         url, device = self._settings.url, self._device
         if isinstance(error, UaStatusCodeError):
             if error.code in DENIED:
-                who = f"user {self._settings.user!r}" if self._settings.user else "anonymous access"
-                hint = "check user and password_file, and the control's list of OPC UA users"
-                return Refused(f"{url} refuses {who} ({_name(error)})", device=device, hint=hint)
+                who = (
+                    Text("user", user=repr(self._settings.user))
+                    if self._settings.user
+                    else Text("opcua_anonymous_access")
+                )
+                hint = Text("opcua_check_user")
+                return Refused(Text("opcua_refuses", url=url, who=who, status=_name(error)), device=device, hint=hint)
             if error.code in CERTIFICATE and self._settings.security == "none":
-                return Refused(f"{url} offers no unencrypted connection ({_name(error)})", device=device, hint=SECURE)
+                return Refused(Text("opcua_not_open", url=url, status=_name(error)), device=device, hint=SECURE)
             if error.code in CERTIFICATE:
-                hint = "check certificate, private_key and server_certificate; let the control trust the gateway's"
+                hint = Text("opcua_check_certificate")
                 return Refused(
-                    f"{url} refuses the gateway's certificate or security ({_name(error)})", device=device, hint=hint
+                    Text("opcua_refuses_certificate", url=url, status=_name(error)), device=device, hint=hint
                 )
         elif isinstance(error, UaError):
-            hint = SECURE if self._settings.security == "none" else ""
-            return Refused(f"{url} offers no such session: {in_words(error)}", device=device, hint=hint)
+            hint = SECURE if self._settings.security == "none" else NOTHING
+            return Refused(Text("opcua_no_such_session", url=url, why=in_words(error)), device=device, hint=hint)
         if isinstance(error, AssertionError):  # the library raises this when the server refuses the channel
-            hint = "does the control trust the gateway's certificate, and is server_certificate the control's own?"
+            hint = Text("opcua_trust")
             return Refused(
-                f"{url} refuses the secure channel: the gateway's certificate or the security policy",
+                Text("opcua_refuses_channel", url=url),
                 device=device,
                 hint=hint,
             )
         if isinstance(error, TimeoutError):
-            hint = "is this an OPC UA server?"
+            hint = Text("opcua_is_server")
             if self._settings.security != "none":
-                hint = "is server_certificate this control's own, and does the control trust the gateway's certificate?"
-            return NoAnswer(f"{url} does not answer within {self._settings.timeout_s:g} s", device=device, hint=hint)
+                hint = Text("opcua_server_certificate")
+            return NoAnswer(Text("opcua_silent", url=url, timeout_s=self._settings.timeout_s), device=device, hint=hint)
         return self._cannot_open(error)
 
     def _cannot_open(self, error: Exception) -> ConnectError:
         settings = self._settings
-        hint = "is it on, is its OPC UA server licensed and running, and is the port correct?"
+        hint = Text("opcua_running")
         if isinstance(error, UaStatusCodeError):  # it answers
-            hint = "the server ends the connection; its own log says why"
+            hint = Text("opcua_ends")
             if settings.server_certificate is not None:
-                hint = "is server_certificate still this server's own? one that has renewed it cannot read what is sent"
-        return ConnectError(f"cannot open {settings.url}: {in_words(error)}", device=self._device, hint=hint)
+                hint = Text("opcua_renewed")
+        return ConnectError(
+            Text("opcua_cannot_open", url=settings.url, why=in_words(error)), device=self._device, hint=hint
+        )
 
     async def _secure(self, client: Client) -> None:
         settings = self._settings
@@ -371,7 +389,7 @@ class OpcUaSession:
             theirs = str(settings.server_certificate)
         try:
             await client.set_security(
-                SecurityPolicyBasic256Sha256,
+                _POLICIES[settings.security],
                 certificate=str(settings.certificate),
                 private_key=str(settings.private_key),
                 server_certificate=theirs,
@@ -380,14 +398,26 @@ class OpcUaSession:
             raise self._unreachable(error) from error
         except UaError as error:
             raise Refused(
-                f"{settings.url} offers no Basic256Sha256 with SignAndEncrypt: {in_words(error)}",
+                Text("opcua_no_security", url=settings.url, policy=settings.security, offered=await _offered(client)),
                 device=self._device,
-                hint="switch this endpoint on in the control's OPC UA settings",
+                hint=Text("opcua_switch_on"),
             ) from error
         except (OSError, ValueError, TypeError) as error:
             raise SetupError(
-                f"private_key = {str(settings.private_key)!r} cannot be used: {in_words(error)}", device=self._device
+                Text("file_useless", path=str(settings.private_key), why=in_words(error)),
+                field=("private_key",),
+                device=self._device,
             ) from error
+
+
+async def _offered(client: Client) -> str:
+    """The policies of a server and how it uses them, in words."""
+    try:
+        endpoints = await client.connect_and_get_server_endpoints()
+    except Exception:  # noqa: BLE001 - it was asked only to say more; the library decodes answers without checking them
+        return "?"
+    modes = {(str(e.SecurityPolicyUri).partition("#")[2], MessageSecurityMode(e.SecurityMode)) for e in endpoints}
+    return ", ".join(sorted(f"{policy} {mode.name.rstrip('_')}" for policy, mode in modes)) or "?"
 
 
 async def _drop(client: Client) -> None:

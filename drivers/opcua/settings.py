@@ -9,6 +9,7 @@ from pydantic import AfterValidator, model_validator
 from drivers.bus_settings import BusSettings, Here
 from drivers.credential_files import secret_cautions
 from drivers.section import FilePath, NotEmpty, Section, ServerTime, matching, user_and_password, wrong
+from drivers.text import Text, shown
 
 _DEFAULT_PORT = 4840
 
@@ -20,7 +21,7 @@ def _scheme_lower(url: str) -> str:
     return f"{scheme.lower()}{mark}{rest}"
 
 
-ServerUrl = Annotated[str, matching(_FORM, "opc.tcp://host:port"), AfterValidator(_scheme_lower)]
+ServerUrl = Annotated[str, matching(_FORM, "opcua_an_url"), AfterValidator(_scheme_lower)]
 
 
 class OpcUaServer(Section):
@@ -28,9 +29,9 @@ class OpcUaServer(Section):
 
     url: ServerUrl
     """Endpoint of the OPC UA server, such as `opc.tcp://192.168.214.1:4840`; 4840 is the default port."""
-    security: Literal["none", "Basic256Sha256"] = "Basic256Sha256"
-    """`Basic256Sha256` signs and encrypts; `none` sends everything unencrypted: never for a
-    control to which offsets are written."""
+    security: Literal["none", "Basic256Sha256", "Aes128_Sha256_RsaOaep", "Aes256_Sha256_RsaPss"] = "Basic256Sha256"
+    """The policy with which everything is signed and encrypted, one that the server offers; `none` sends everything
+    unencrypted: never for a control to which offsets are written."""
     user: str | None = None
     """OPC UA user; the server grants it the rights to read and write."""
     password_file: FilePath | None = None
@@ -47,16 +48,16 @@ class OpcUaServer(Section):
     @model_validator(mode="after")
     def _complete(self) -> Self:
         if not _has_possible_port(self.url):
-            raise wrong(f"{self.url!r}: expected a port of 1 to 65535", "url")
+            raise wrong(Text("a_port", value=shown(self.url)), "url")
         user_and_password(self.user, self.password_file)
         if self.security == "none":
             return self
         if self.certificate is None or self.private_key is None:
-            raise ValueError(f"security = '{self.security}' needs certificate and private_key")
+            raise wrong(Text("opcua_needs_key", security=self.security), "security")
         for name in ("certificate", "private_key", "server_certificate"):
             path = getattr(self, name)
             if path is not None and path.suffix not in (".pem", ".der"):
-                raise wrong(f"{str(path)!r}: expected a file ending in .pem or .der", name)
+                raise wrong(Text("opcua_ending", path=str(path)), name)
         return self
 
     def server_cautions(self, *, in_the_clear: str) -> Iterator[tuple[str, str]]:

@@ -22,6 +22,7 @@ from drivers.sinumerik.handshake import FINAL, PROBING_REASONS, PROBING_STATES, 
 from drivers.sinumerik.lease import SinumerikLease
 from drivers.sinumerik.numbers import code_of, finite_numbers, given_numbers
 from drivers.sinumerik.settings import SinumerikSettings
+from drivers.text import Text
 
 _RIGHTS: Final = {
     "_SEA_ACX": "Sea",
@@ -151,13 +152,12 @@ class Sinumerik:
 
     def _check_units(self, metric: OpcUaNumber | None) -> None:
         if metric is None:
-            raise BadAnswer(f"{self._settings.nodes.metric} has no value", device=self._settings.device)
+            raise BadAnswer(Text("nc_no_value", path=self._settings.nodes.metric), device=self._settings.device)
         if not metric:
             raise WrongDevice(
-                f"the control's basic system is inch ({self._settings.nodes.metric} = 0): its positions, and offsets "
-                "written to it, would be wrong by a factor of 25.4",
+                Text("nc_inch", node=self._settings.nodes.metric),
                 device=self._settings.device,
-                hint="only a control whose basic system is metric (MD10240 = 1) is supported",
+                hint=Text("nc_only_metric"),
             )
 
     async def close(self) -> None:
@@ -206,13 +206,18 @@ class Sinumerik:
         if length is None or not length:
             return
         settings = self._settings
-        longer = float(length) - settings.origin_tool_mm
+        longer = float(length) - (settings.origin_tool_mm or 0.0)
         if not abs(longer) <= settings.tool_range_mm:
             raise BadAnswer(
-                f"{settings.nodes.tool_length} = {length:g}: a tool {longer:g} mm longer than that of the origin, "
-                f"expected {settings.tool_range_mm:g} at most",
+                Text(
+                    "nc_tool_long",
+                    node=settings.nodes.tool_length,
+                    length=length,
+                    longer=longer,
+                    most_mm=settings.tool_range_mm,
+                ),
                 device=settings.device,
-                hint="correct origin_mm and origin_tool_mm",
+                hint=Text("nc_correct_origin"),
             )
         self._tool_mm = longer
 
@@ -237,14 +242,14 @@ class Sinumerik:
         request, answers, state, _, taken_back = found
         if number in (request, answers):
             raise Refused(
-                f"request number {number} was the last one: its old result could be taken for a new one",
+                Text("nc_number_again", number=number),
                 device=self._settings.device,
-                hint="continue from a higher number",
+                hint=Text("nc_higher_number"),
             )
         if PROBING_STATES.get(code_of(state)) in UNDER_WAY:
-            raise self._busy(f"cycle {answers:.0f} is in progress")
+            raise self._busy(Text("nc_cycle_runs", number=answers))
         if request > 0 and request not in (answers, taken_back):
-            raise self._busy(f"request {request:.0f} waits for the control's next safe point")
+            raise self._busy(Text("nc_request_waits", number=request))
 
     async def _ask(self, number: int) -> None:
         """Raises BadAnswer when the control does not keep the height: a dry run must not touch, and a cycle must."""
@@ -265,9 +270,9 @@ class Sinumerik:
     def _check_height(self, found: float, asked: float) -> None:
         if not abs(found - asked) <= _SAME_MM:
             raise BadAnswer(
-                f"R{self._settings.handshake.dry_run} (height of a dry run) is {found:g}, not {asked:g}",
+                Text("nc_height", number=self._settings.handshake.dry_run, found=found, asked=asked),
                 device=self._settings.device,
-                hint="does another program write it? [nc.handshake] dry_run gives it another number",
+                hint=Text("nc_other_program"),
             )
 
     async def _prove(self, number: int) -> None:
@@ -283,9 +288,9 @@ class Sinumerik:
         if version != _KNOWS_DRY_RUNS:
             hand = self._settings.handshake
             raise Refused(
-                f"the program on the control knows no dry runs (R{hand.version} is {version}, not {_KNOWS_DRY_RUNS})",
+                Text("nc_no_dry_runs", number=hand.version, found=version, wanted=_KNOWS_DRY_RUNS),
                 device=self._settings.device,
-                hint="load all the present programs of deploy/nc/sinumerik, and call TALC_SAFE_POINT once",
+                hint=Text("nc_load_programs"),
             )
 
     async def probing_status(self, number: int) -> RequestStatus:
@@ -306,12 +311,14 @@ class Sinumerik:
         if answers_again != answers or state_again != state:
             return RequestStatus(number, ProbingState.REQUESTED)
         if known is not ProbingState.DONE:
-            return RequestStatus(number, known, reason=PROBING_REASONS.get(code_of(reason), f"reason {reason:g}"))
+            return RequestStatus(
+                number, known, reason=PROBING_REASONS.get(code_of(reason), Text("nc_reason", reason=reason))
+            )
         if result_of != number:
             raise BadAnswer(
-                f"the control reports cycle {number} as done, but its results belong to cycle {result_of:g}",
+                Text("nc_other_results", number=number, result_of=result_of),
                 device=self._settings.device,
-                hint="the NC program must write the results and their number before the state",
+                hint=Text("nc_results_first"),
             )
         if number in self._heights:  # no dry run is ever taken for a measurement, and no touch for a dry run
             self._check_height(height, self._heights[number])
@@ -363,9 +370,9 @@ class Sinumerik:
         """Implements TriesWriting: the same values again are no new request and no beat, and move nothing."""
         if holder := await self._lease.holder():
             raise Refused(
-                f"gateway {holder:.0f} holds the control: writing was not tried",
+                Text("nc_held", holder=holder),
                 device=self._settings.device,
-                hint="stop it first",
+                hint=Text("nc_stop_first"),
             )
         for paths in self._writable:
             found = self._numbers(paths, await self._session.read(paths))
@@ -394,7 +401,7 @@ class Sinumerik:
 
     def _busy(self, what: str) -> Refused:
         hand = self._settings.handshake
-        hint = f"is another gateway probing? writing its number to R{hand.withdraw} withdraws a request"
+        hint = Text("nc_other_probing", number=hand.withdraw)
         return Refused(what, device=self._settings.device, hint=hint)
 
     def _from_origin(self, x: float, y: float, z: float) -> Triple:
@@ -405,7 +412,7 @@ class Sinumerik:
     def _state(self, value: float) -> ProbingState:
         state = PROBING_STATES.get(code_of(value))
         if state is None:
-            raise BadAnswer(f"probing state {value:g}: expected 0 to 5", device=self._settings.device)
+            raise BadAnswer(Text("nc_state", value=value), device=self._settings.device)
         return state
 
     def _numbers(self, paths: tuple[str, ...], values: list[OpcUaNumber | None]) -> list[float]:

@@ -20,9 +20,10 @@ from drivers.sinumerik.control import Sinumerik
 from drivers.sinumerik.lease import ALIVE
 from drivers.sinumerik.programs import ER0T, EX0C, EY0A, EZ0A, PROGRAM_VERSION, ErrorTerms
 from drivers.sinumerik.settings import ERROR_TERMS, SinumerikSettings
+from drivers.text import Text
 
 _SAME: Final = 1e-6
-_AGAIN: Final = "write TALC_ERRORS again: talc-gateway nc sinumerik-files"
+_AGAIN: Final = Text("nc_errors_again")
 
 
 class SinumerikWithErrors(Sinumerik):
@@ -40,7 +41,7 @@ class SinumerikWithErrors(Sinumerik):
         self._version = (r(numbers.version),)
         self._echo_of_shifts, self._echo_of_errors = self._lease.echo, r(numbers.echo)
         self._moving = (r(settings.lease.state), *(r(numbers.in_force + i) for i in range(ERRORS)))
-        self._tool, self._tool_range = r(numbers.tool), (r(numbers.tool_range),)
+        self._tool, self._tool_range = (r(numbers.tool),), (r(numbers.tool_range),)
         self._terms_told = tuple(r(numbers.terms + i) for i in range(ERROR_TERMS))
         self._terms: ErrorTerms | None = None
         self._reach: tuple[float, float] | None = None
@@ -64,7 +65,7 @@ class SinumerikWithErrors(Sinumerik):
                 await self._look_at_program(version)
             elif self._settings.compensation.synchronised:
                 raise Refused(
-                    "the control has no TALC_ERRORS, and without it the axes of a gantry would not get the same offset",
+                    Text("nc_no_errors_gantry"),
                     device=self._device,
                     hint=_AGAIN,
                 )
@@ -75,22 +76,23 @@ class SinumerikWithErrors(Sinumerik):
     async def _look_at_program(self, version: float) -> None:
         if version != PROGRAM_VERSION:
             raise BadAnswer(
-                f"TALC_ERRORS is of version {version:g}: expected {PROGRAM_VERSION}", device=self._device, hint=_AGAIN
+                Text("nc_errors_version", version=version, wanted=PROGRAM_VERSION), device=self._device, hint=_AGAIN
             )
-        await self._session.read((*self._wanted, *self._probed, self._echo_of_errors, *self._moving))
+        await self._session.read((*self._wanted, *self._probed, self._echo_of_errors, *self._moving, *self._tool))
         slew, radius, x, y, z, *reach = self._numbers(self._terms_told, await self._session.read(self._terms_told))
         if min(slew, radius, x, y, z, *reach) <= 0:
-            raise BadAnswer("TALC_ERRORS reports a term of 0 or less", device=self._device, hint=_AGAIN)
+            raise BadAnswer(Text("nc_errors_term"), device=self._device, hint=_AGAIN)
         await self._check_tool_range()
         self._terms, self._reach = ErrorTerms(slew, radius, (x, y, z)), (reach[0], reach[1])
         self._lease.echo = self._echo_of_errors
 
     async def _check_tool_range(self) -> None:
-        wanted = self._settings.tool_range_mm
+        """Its sign says who reads the length of the tool."""
+        wanted = self._settings.tool_range_mm * (-1.0 if self._settings.reads_its_tool else 1.0)
         [found] = self._numbers(self._tool_range, await self._session.read(self._tool_range))
-        if wanted and not math.isclose(found, wanted, rel_tol=_SAME):
+        if not math.isclose(found, wanted, rel_tol=_SAME):
             raise Refused(
-                f"TALC_ERRORS takes tools longer by {found:g} mm, the configuration by {wanted:g}",
+                Text("nc_errors_tool", found=found, wanted=wanted),
                 device=self._device,
                 hint=_AGAIN,
             )
@@ -100,11 +102,29 @@ class SinumerikWithErrors(Sinumerik):
         slew, declared = None if self._terms is None else self._terms.slew_um_per_s, terms.slew_um_per_s
         if slew is not None and declared is not None and not math.isclose(slew, declared, rel_tol=_SAME):
             raise Refused(
-                f"TALC_ERRORS on the control slews at {slew:g} µm/s, the configuration at {declared:g}",
+                Text("nc_errors_slew", slew=slew, declared=declared),
                 device=self._device,
                 hint=_AGAIN,
             )
         await super().claim(owner, terms, predecessor)
+
+    async def heartbeat(self, owner: int) -> bool:
+        """Like Sinumerik's. Raises BadAnswer if no beat passes through because no tool is as long as it reads."""
+        heard = await super().heartbeat(owner)
+        if not heard and self._terms is not None and self._settings.reads_its_tool:
+            await self._look_at_tool_in_use()
+        return heard
+
+    async def _look_at_tool_in_use(self) -> None:
+        [longer] = self._numbers(self._tool, await self._session.read(self._tool))
+        most, origin = self._settings.tool_range_mm, self._settings.origin_tool_mm or 0.0
+        if not abs(longer) <= most:
+            raise BadAnswer(
+                Text("nc_tool_long", node=self._tool[0], length=longer + origin, longer=longer, most_mm=most),
+                device=self._device,
+                hint=Text("nc_correct_origin"),
+            )
+        self._tool_mm = longer
 
     async def write_errors(self, errors: NineErrors) -> None:
         """Raises NotSendable, before anything is sent, for numbers that are not finite or beyond `largest_um`, and for
@@ -113,14 +133,13 @@ class SinumerikWithErrors(Sinumerik):
         terms = self._known()
         mine, theirs = (terms.radius_mm, *terms.bound_um), (errors.radius_mm, *errors.bound_um)
         if not all(math.isclose(a, b, rel_tol=_SAME) for a, b in zip(mine, theirs, strict=True)):
-            raise NotSendable(
-                f"TALC_ERRORS on the control has radius and bounds {mine}, the configuration {theirs}; nothing was "
-                f"sent. {_AGAIN}"
-            )
+            raise NotSendable(Text("nc_errors_bounds", mine=str(mine), theirs=str(theirs), hint=_AGAIN))
         await self._put(errors.errors)
 
     async def read_errors(self, radius_mm: float) -> tuple[float, ...]:
         known = self._known().radius_mm
+        if self._settings.reads_its_tool:
+            await self._look_at_tool_in_use()
         values = self._numbers(self._wanted, await self._session.read(self._wanted))
         values[ER0T] *= radius_mm / known
         return tuple(values)
@@ -142,9 +161,9 @@ class SinumerikWithErrors(Sinumerik):
             state, *in_force = self._numbers(self._moving, await self._session.read(self._moving))
             if state != ALIVE and max(map(abs, in_force)) > _SAME:
                 raise Refused(
-                    "TALC_ERRORS still has errors in force, but no gateway is alive: they would move in the cycle",
+                    Text("nc_errors_in_force"),
                     device=self._device,
-                    hint="wait until the watchdog has taken them to zero",
+                    hint=Text("nc_wait_watchdog"),
                 )
         await super().request_probing(number, dry_run_mm)
 
@@ -161,13 +180,13 @@ class SinumerikWithErrors(Sinumerik):
 
     async def _put(self, errors: tuple[float, ...] | list[float]) -> None:
         wanted = dict(zip(self._wanted, errors, strict=True))
-        if self._settings.tool_range_mm:
-            wanted[self._tool] = self._tool_mm
+        if not self._settings.reads_its_tool:
+            wanted[self._tool[0]] = self._tool_mm
         await self._session.write(wanted)
 
     def _known(self) -> ErrorTerms:
         if self._terms is None:
-            raise Refused("the control has no TALC_ERRORS", device=self._device, hint=_AGAIN)
+            raise Refused(Text("nc_no_errors"), device=self._device, hint=_AGAIN)
         return self._terms
 
     @property

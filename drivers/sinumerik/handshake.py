@@ -3,6 +3,7 @@
 from typing import Final
 
 from drivers.nc import ProbingState
+from drivers.text import Text
 
 PROBING_STATES: Final = {
     1: ProbingState.ACCEPTED,
@@ -15,20 +16,22 @@ UNDER_WAY: Final = frozenset({ProbingState.ACCEPTED, ProbingState.RUNNING})
 FINAL: Final = frozenset({ProbingState.DONE, ProbingState.REFUSED, ProbingState.FAILED})
 PROBING_REASONS: Final = {
     0: "",
-    1: "an alarm is active",
-    2: "another tool than the touch probe is in the spindle",
-    3: "the control is not in AUTO",
+    1: Text("nc_alarm_active"),
+    2: Text("nc_other_tool"),
+    3: Text("nc_not_auto"),
     4: "withdrawn",
-    5: "no safe point before the request expired",
-    6: "a touch found no sphere",
-    7: "the program was stopped",
-    8: "TALC_SAFE_Z on the control is lower than the sphere at one of the poses",
-    9: "a transformation, an orientable tool carrier or the control's own dry run is active",
-    10: "the touch probe is deflected where it touches nothing",
-    11: "the probe met something on its way to the sphere",
-    12: "the axes were moved by hand within the cycle",
-    13: "an axis is not referenced",
-    14: "the control does not know for sure which tool is in the spindle, or whose offset is in force",
-    15: "the height of a dry run (R63) is missing, or so little that its touches would meet the sphere",
-    16: "the spindle is on: call TALC_SAFE_POINT where it stands",
+    5: Text("nc_no_safe_point"),
+    6: Text("nc_no_sphere"),
+    7: Text("nc_stopped"),
+    8: Text("nc_safe_z"),
+    9: Text("nc_transformation"),
+    10: Text("nc_deflected"),
+    11: Text("nc_obstacle"),
+    12: Text("nc_moved_by_hand"),
+    13: Text("nc_not_referenced"),
+    14: Text("nc_tool_unsure"),
+    15: Text("nc_height_missing"),
+    16: Text("nc_spindle"),
+    17: Text("nc_own_dry_run"),
+    18: Text("nc_beyond_travel"),
 }

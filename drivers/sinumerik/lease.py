@@ -9,6 +9,7 @@ from drivers.nc import check_number
 from drivers.opcua.session import OpcUaSession
 from drivers.sinumerik.numbers import code_of, finite_numbers
 from drivers.sinumerik.settings import SinumerikSettings
+from drivers.text import Text
 
 ALIVE: Final = 1
 """State of the control's watchdog while it receives the gateway's heartbeat."""
@@ -95,9 +96,9 @@ class SinumerikLease:
 
     def _anothers(self, holder: float) -> Refused:
         return Refused(
-            f"the control's compensation belongs to gateway {holder:.0f}, not to this one",
+            Text("nc_other_gateway", holder=holder),
             device=self._device,
-            hint="stop the other gateway, or run this one in the mode monitor or advise",
+            hint=Text("stop_other_gateway"),
         )
 
 

@@ -4,6 +4,7 @@ import math
 
 from drivers.base import BadAnswer
 from drivers.opcua.session import OpcUaNumber
+from drivers.text import Text
 
 
 def finite_numbers(paths: tuple[str, ...], values: list[OpcUaNumber | None], device: str) -> list[float]:
@@ -11,7 +12,7 @@ def finite_numbers(paths: tuple[str, ...], values: list[OpcUaNumber | None], dev
     numbers = given_numbers(paths, values, device)
     for path, value in zip(paths, numbers, strict=True):
         if not math.isfinite(value):
-            raise BadAnswer(f"{path} = {value:g}: not a finite number", device=device)
+            raise BadAnswer(Text("nc_not_finite", path=path, value=value), device=device)
     return numbers
 
 
@@ -19,7 +20,7 @@ def given_numbers(paths: tuple[str, ...], values: list[OpcUaNumber | None], devi
     """Like finite_numbers, but the values may be non-finite: the caller checks the results of a cycle."""
     for path, value in zip(paths, values, strict=True):
         if value is None:
-            raise BadAnswer(f"{path} has no value", device=device)
+            raise BadAnswer(Text("nc_no_value", path=path), device=device)
     return [float(value) for value in values if value is not None]
 
 

@@ -18,8 +18,9 @@ from typing import Final
 from drivers.base import SetupError
 from drivers.nc import ERRORS, LINEAR_AXES, Triple
 from drivers.sinumerik.settings import ERROR_STATES, SinumerikSettings, error_reach_mm
+from drivers.text import Text
 
-PROGRAM_VERSION: Final = 2
+PROGRAM_VERSION: Final = 3
 """Version of the program and of the meaning of its parameters; the control shows it while the program is active."""
 FIRST_ID: Final = 60
 """ID of the first static synchronised action; the others follow it."""
@@ -48,7 +49,9 @@ class ErrorTerms:
 def errors_program(settings: SinumerikSettings, terms: ErrorTerms) -> str:
     """The text of TALC_ERRORS.SPF. Raises SetupError for settings of another route."""
     if settings.compensation.route != "errors":
-        raise SetupError(f"route = {settings.compensation.route!r}: only 'errors' needs a generated program")
+        raise SetupError(
+            Text("sinumerik_no_program", route=settings.compensation.route), field=("compensation", "route")
+        )
     lines, actions = [*_start(settings, terms)], [*_actions(settings, terms)]
     counted = sum(action.endswith(_COUNT) for action in actions) - ERRORS // 3  # three run on silence, or three others
     for number, action in enumerate([*actions, _echo(settings, counted)], FIRST_ID):
@@ -82,7 +85,7 @@ def _start(settings: SinumerikSettings, terms: ErrorTerms) -> Iterator[str]:
         yield " ".join(f"R[{first + i}] = 0" for i in range(count))
     told = (terms.slew_um_per_s, terms.radius_mm, *terms.bound_um, along, across)
     yield " ".join(f"R[{errors.terms + i}] = {_nc_number(value)}" for i, value in enumerate(told))
-    yield f"R[{errors.tool_range}] = {_nc_number(settings.tool_range_mm)}"
+    yield f"R[{errors.tool_range}] = {'-' * settings.reads_its_tool}{_nc_number(settings.tool_range_mm)}"
     yield f"R[{errors.echo}] = R[{lease.beat}] R[{lease.age}] = {_LONG_AGO_S}"
     yield f"R[{hand.version}] = 0"  # shown again by the first call of TALC_SAFE_POINT
     yield f"R[{hand.withdraw}] = R[{hand.request}]"  # one from before power off, whose age is not known
@@ -166,6 +169,10 @@ def _slew(settings: SinumerikSettings, terms: ErrorTerms) -> Iterator[str]:
     along_mm, across_mm = error_reach_mm(settings)
     along, across = _nc_number(along_mm * 1e-3), _nc_number(across_mm * 1e-3)
     grown = [_nc_number(reach / terms.radius_mm) for reach in (along_mm, across_mm)]
+    if settings.reads_its_tool:
+        longer = f"ABS({_r(_tool_kept(settings))})"
+        across = f"({across} + 0.001 * {longer})"
+        grown[1] = f"({grown[1]} + {_nc_number(1.0 / terms.radius_mm)} * {longer})"
     silent = f"0.5 * ({slew} + {ramp} - ABS({slew} - {ramp}))"
     bridged = " + ".join(f"ABS({bridge})" for bridge in _bridge(settings))
     yield (
@@ -193,21 +200,24 @@ def _slew(settings: SinumerikSettings, terms: ErrorTerms) -> Iterator[str]:
 
 
 def _geometry(settings: SinumerikSettings, terms: ErrorTerms) -> Iterator[str]:
-    """The shift of the tool at the present position, µm, in $AC_PARAM[16], [19] and [20]: talc.kinematics. No system
-    variable of the main run holds the length of the tool, so the gateway tells it; $AC_PARAM[24] is its change."""
+    """The shift of the tool at the present position, µm, in $AC_PARAM[16], [19] and [20]: talc.kinematics. The tool is
+    as long as $AC_ACT_ORI_TOOL_LENGTH says, with the opposite sign and along Z, or as the gateway says; $AC_PARAM[24]
+    is the change of its length. While no length is in force (D0), the last one counts."""
     names = settings.compensation.axis_names
     e = [_r(settings.errors.in_force + i) for i in range(ERRORS)]
     x, y, z = (
         _less(f"$AA_IM[{names[axis]}]", zero) for axis, zero in zip(LINEAR_AXES, settings.origin_mm, strict=True)
     )
-    if settings.tool_range_mm:
-        z = f"({z} - {_r(_tool_kept(settings))})"
+    told, kept = _r(settings.errors.tool), _r(_tool_kept(settings))
+    z = f"({z} - {kept})"
     a, c, s = f"$AA_IM[{names['A']}]", "$AC_PARAM[10]", "$AC_PARAM[11]"
     px, py, pz, grown = (f"$AC_PARAM[{number}]" for number in (12, 13, 14, 15))
-    if settings.tool_range_mm:
-        told, kept = _r(settings.errors.tool), _r(_tool_kept(settings))
-        changed = f"$AC_PARAM[24] = {told} - {kept} {kept} = {told}"
-        yield f"WHENEVER ABS({told}) <= {_nc_number(settings.tool_range_mm)} DO {changed}{_COUNT}"
+    if settings.reads_its_tool:
+        longer = _less("(0 - $AC_ACT_ORI_TOOL_LENGTH[3])", settings.origin_tool_mm or 0.0)
+        none = "TRUNC(1 / (1 + 1000000 * ABS($AC_ACT_ORI_TOOL_LENGTH[3])))"
+        yield f"DO G710 {told} = {told} + (1 - {none}) * ({longer} - {told}){_COUNT}"
+    changed = f"$AC_PARAM[24] = {told} - {kept} {kept} = {told}"
+    yield f"WHENEVER ABS({told}) <= {_nc_number(settings.tool_range_mm)} DO {changed}{_COUNT}"
     yield f"DO G710 {c} = COS({a}) {s} = SIN({a}) {px} = 0.001 * {x}{_COUNT}"
     yield f"DO G710 {py} = 0.001 * ({c} * {y} + {s} * {z}) {pz} = 0.001 * ({c} * {z} - {s} * {y}){_COUNT}"
     yield f"DO {grown} = {_nc_number(1000.0 / terms.radius_mm)} * {e[ER0T]}{_COUNT}"

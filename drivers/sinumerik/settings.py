@@ -10,7 +10,8 @@ from pydantic import AfterValidator, Field, model_validator
 from drivers.base import SetupError
 from drivers.nc import AXES, ERRORS, LARGEST_UM, LINEAR_AXES, REQUEST_VALID_FOR_S, ROTARY_AXES, Triple
 from drivers.opcua.settings import OpcUaSettings
-from drivers.section import NotNegative, Positive, Section, matching
+from drivers.section import NotNegative, Positive, Section, matching, wrong
+from drivers.text import Text, shown
 
 _DEGREES_PER_TURN = 360.0
 ERROR_TERMS: Final = 7
@@ -30,22 +31,20 @@ PAIRS: Final = {
 
 def _not_zero(value: float) -> float:
     if not value:
-        raise ValueError(f"{value!r}: expected a number that is not 0")
+        raise ValueError(Text("sinumerik_not_zero", value=value))
     return value
 
 
 def _plus_or_minus_one(value: int) -> int:
     if value not in (-1, 1):
-        raise ValueError(f"{value!r}: expected -1 or 1")
+        raise ValueError(Text("sinumerik_sign", value=value))
     return value
 
 
-NodePath = Annotated[str, matching(r"(?s)/.*", "a node name beginning with /")]
-NodePathOrNone = Annotated[str, matching(r"(?s)(/.*)?", "a node name beginning with /, or an empty text")]
-NumberedPath = Annotated[str, matching(r"/[^{}]*\{n\}[^{}]*", "a node name beginning with / that holds {n} once")]
-NumberedPathOrNone = Annotated[
-    str, matching(r"(/[^{}]*\{n\}[^{}]*)?", "a node name beginning with / that holds {n} once, or an empty text")
-]
+NodePath = Annotated[str, matching(r"(?s)/.*", "sinumerik_a_node")]
+NodePathOrNone = Annotated[str, matching(r"(?s)(/.*)?", "sinumerik_node_or_none")]
+NumberedPath = Annotated[str, matching(r"/[^{}]*\{n\}[^{}]*", "sinumerik_a_numbered")]
+NumberedPathOrNone = Annotated[str, matching(r"(/[^{}]*\{n\}[^{}]*)?", "sinumerik_numbered_or_none")]
 RNumber = Annotated[int, Field(ge=0)]
 """Number of an R-parameter."""
 Sign = Annotated[int, AfterValidator(_plus_or_minus_one)]
@@ -82,8 +81,9 @@ class Paths(Section):
     tool: NodePathOrNone = "/Channel/State/actTNumber[u1]"
     """Number of the tool in the spindle."""
     tool_length: NodePathOrNone = ""
-    """Length of the tool in use along Z, mm, such as `/Channel/State/actToolLength1[u1]`. Empty: not read; then every
-    tool counts as one of the length with which `origin_mm` was found. Not for route `k0_slope`."""
+    """Length of the tool in use along Z, mm, such as `/Channel/State/actToolLength1[u1]`. Empty: not read. With route
+    `errors` the program on the control reads it itself then; with the others every tool counts as one of the length
+    with which `origin_mm` was found. Not for route `k0_slope`."""
     referenced: NumberedPathOrNone = "/Channel/MachineAxis/refPtStatus[u1,{n}]"
     """Whether X, Y, Z are referenced: an odd number when so. Empty: not read."""
     probe_in_spindle: NodePathOrNone = ""
@@ -176,44 +176,45 @@ class OffsetRoute(Section):
         if self.route in ("k0_slope", "errors"):
             self._check_travel()
         elif self.travel_mm is not None:
-            raise SetupError(f"travel_mm is for the routes 'k0_slope' and 'errors', not for {self.route!r}")
+            raise SetupError(Text("sinumerik_no_travel", route=self.route), field=("travel_mm",))
         if self.route == "k0_slope":
             self._check_slopes()
         elif self.tables:
-            raise SetupError(f"tables are for route 'k0_slope', not for {self.route!r}")
+            raise SetupError(Text("sinumerik_no_tables", route=self.route), field=("tables",))
         if self.route == "errors":
             self._check_names()
         elif self.synchronised:
-            raise SetupError(
-                "synchronised axes are for route 'errors': with any other, the axes of a gantry would get their "
-                "offsets one after the other",
-                hint="set route = 'errors'",
-            )
+            raise SetupError(Text("sinumerik_gantry"), field=("synchronised",), hint=Text("sinumerik_use_errors"))
         return self
 
     def _check_travel(self) -> None:
         if self.travel_mm is None:
-            raise SetupError(f"travel_mm is missing: route {self.route!r} needs it to keep bound and slew everywhere")
+            raise SetupError(Text("sinumerik_travel_missing", route=self.route), field=("travel_mm",))
         for axis, (low, high) in zip(LINEAR_AXES, self.travel_mm, strict=True):
             if low >= high:
-                raise SetupError(f"travel_mm of {axis} = {(low, high)!r}: expected the lower end before the upper one")
+                raise SetupError(
+                    Text("sinumerik_travel_order", axis=axis, low=low, high=high), field=("travel_mm", AXES.index(axis))
+                )
 
     def _check_names(self) -> None:
         if set(self.axis_names) != {*LINEAR_AXES, "A"} or len(set(self.axis_names.values())) != len(self.axis_names):
-            raise SetupError(f"axis_names = {dict(self.axis_names)!r}: expected four different names for X Y Z A")
+            raise SetupError(Text("sinumerik_axis_names", value=shown(dict(self.axis_names))), field=("axis_names",))
         taken = [*self.axis_names.values(), *self.synchronised.values()]
         if not set(self.synchronised) <= set(LINEAR_AXES) or len(set(taken)) != len(taken):
-            raise SetupError(f"synchronised = {dict(self.synchronised)!r}: expected names of other axes for X, Y or Z")
-        for axis, name in (*self.axis_names.items(), *self.synchronised.items()):
-            if not re.fullmatch(r"[A-Z][A-Z0-9_]{0,31}", name):
-                raise SetupError(f"axis_names.{axis} = {name!r}: expected capital letters, digits and _")
+            raise SetupError(
+                Text("sinumerik_synchronised", value=shown(dict(self.synchronised))), field=("synchronised",)
+            )
+        for field in ("axis_names", "synchronised"):
+            for axis, name in getattr(self, field).items():
+                if not re.fullmatch(r"[A-Z][A-Z0-9_]{0,31}", name):
+                    raise SetupError(Text("sinumerik_axis_name", value=shown(name)), field=(field, axis))
 
     def _check_slopes(self) -> None:
         for pair in self.tables:
             if pair not in PAIRS:
-                raise SetupError(f"tables.{pair}: expected one of {', '.join(PAIRS)}")
+                raise SetupError(Text("sinumerik_pair", pair=pair, pairs=tuple(PAIRS)), field=("tables", pair))
         if len(set(self.tables.values())) != len(self.tables):
-            raise SetupError(f"tables = {dict(self.tables)!r}: expected a different table for each pair")
+            raise SetupError(Text("sinumerik_tables", value=shown(dict(self.tables))), field=("tables",))
 
     def moved_together(self, axis: int) -> tuple[str, ...]:
         """Identifiers of the machine axes that get the offset of X, Y or Z (0, 1, 2)."""
@@ -271,9 +272,10 @@ class ErrorParameters(Section):
     kept: RNumber = 130
     """First of five, the program's own: what remains of a step in X, Y, Z, whether the offsets are held, the tool."""
     tool: RNumber = 135
-    """Written by the gateway: by how much the tool in use is longer than the one of `origin_mm`, mm."""
+    """By how much the tool in use is longer than the one of `origin_mm`, mm: written by the program, with
+    `nodes.tool_length` by the gateway."""
     tool_range: RNumber = 136
-    """How much of that the program takes, either way, mm; 0: it takes no tool."""
+    """How much of that the program takes, either way, mm; negative: and it reads the length itself."""
 
 
 class SinumerikControl(OpcUaSettings):
@@ -289,8 +291,9 @@ class SinumerikControl(OpcUaSettings):
     origin_mm: Triple = (0.0, 0.0, 0.0)
     """Machine coordinates of X, Y, Z at which the tool tip is where A and C meet. Shifts from tilt errors grow with the
     distance from there."""
-    origin_tool_mm: float = 0.0
-    """With `nodes.tool_length`: length of the tool with which `origin_mm` was found."""
+    origin_tool_mm: float | None = None
+    """Length of the tool with which `origin_mm` was found, mm; 0: without a tool. Required with route `errors`;
+    otherwise used only with `nodes.tool_length`, and 0 then if it is missing."""
     nodes: Paths = Paths()
     handshake: Handshake = Handshake()
     lease: LeaseParameters = LeaseParameters()
@@ -302,15 +305,19 @@ class SinumerikControl(OpcUaSettings):
         wanted = set(AXES)
         numbers = list(self.axis_numbers.values())
         if set(self.axis_numbers) != wanted or len(set(numbers)) != len(wanted) or min(numbers) < 1:
-            raise ValueError(
-                f"axis_numbers = {dict(self.axis_numbers)!r}: expected for each of X Y Z A C its own number from 1 on"
-            )
+            raise wrong(Text("sinumerik_axis_numbers", value=shown(dict(self.axis_numbers))), "axis_numbers")
         return self
 
     @model_validator(mode="after")
     def _tool_or_slopes(self) -> Self:
         if self.nodes.tool_length and self.compensation.route == "k0_slope":
-            raise SetupError("nodes.tool_length: route 'k0_slope' does not take it, its slopes count from the axes")
+            raise SetupError(Text("sinumerik_no_tool_length"), field=("nodes", "tool_length"))
+        if self.origin_tool_mm is None and self.compensation.route == "errors":
+            raise SetupError(
+                Text("sinumerik_no_origin_tool"),
+                field=("origin_tool_mm",),
+                hint=Text("sinumerik_origin_tool"),
+            )
         return self
 
 
@@ -338,7 +345,8 @@ class SinumerikSettings(SinumerikControl):
         for name, number in self.r_numbers():
             if number in meaning:
                 raise SetupError(
-                    f"R{number} is {meaning[number]} as well as {name}", hint="give one of them another R-parameter"
+                    Text("sinumerik_r_twice", number=number, one=meaning[number], other=name),
+                    hint=Text("sinumerik_other_r"),
                 )
             meaning[number] = name
         return self
@@ -380,7 +388,12 @@ class SinumerikSettings(SinumerikControl):
     @property
     def tool_range_mm(self) -> float:
         """By how much a tool may be longer or shorter than the one of the origin; 0: its length is not read."""
-        return LONGEST_TOOL_MM if self.nodes.tool_length else 0.0
+        return LONGEST_TOOL_MM if self.nodes.tool_length or self.compensation.route == "errors" else 0.0
+
+    @property
+    def reads_its_tool(self) -> bool:
+        """Whether the program on the control reads the length of the tool itself."""
+        return self.compensation.route == "errors" and not self.nodes.tool_length
 
     def linear(self, path: str) -> tuple[str, ...]:
         """Node names of X, Y, Z by a path of `nodes`."""
@@ -411,9 +424,10 @@ class SinumerikSettings(SinumerikControl):
 
 
 def error_reach_mm(settings: SinumerikSettings) -> tuple[float, float]:
-    """Farthest that the tool gets from where A and C meet, along X and across it. Raises SetupError without travel."""
+    """Farthest that the tool gets from where A and C meet, along X and across it, with the longest tool; where the
+    program reads its length, with that of the origin. Raises SetupError without travel."""
     if settings.compensation.travel_mm is None:
-        raise SetupError("travel_mm is missing")
+        raise SetupError(Text("missing_no_default"), field=("compensation", "travel_mm"))
     ends = zip(settings.compensation.travel_mm, settings.origin_mm, strict=True)
     x, y, z = (max(abs(low - zero), abs(high - zero)) for (low, high), zero in ends)
-    return x, math.hypot(y, z + settings.tool_range_mm)
+    return x, math.hypot(y, z + (0.0 if settings.reads_its_tool else settings.tool_range_mm))

@@ -12,6 +12,7 @@ from drivers.base import Clock, Refused
 from drivers.nc import LINEAR_AXES, LinearOffsets, NotSendable, Triple, WatchdogTerms
 from drivers.sinumerik.control import Sinumerik
 from drivers.sinumerik.settings import SinumerikSettings
+from drivers.text import Text
 
 _SAME_MM: Final = 1e-6
 
@@ -126,19 +127,16 @@ class SinumerikWithSlopes(Sinumerik):
     def _check(self, offsets: LinearOffsets) -> None:
         largest = self._settings.compensation.largest_um
         if offsets.reference_mm != self.reference_mm:
-            raise NotSendable(f"reference_mm = {offsets.reference_mm}: expected {self.reference_mm}; nothing was sent")
+            raise NotSendable(Text("nc_reference", found=str(offsets.reference_mm), wanted=str(self.reference_mm)))
         for axis, name in enumerate(LINEAR_AXES):
             row = offsets.slope_um_per_mm[axis]
             if any(slope and (axis, over) not in self.pairs for over, slope in enumerate(row)):
-                raise NotSendable(f"{name} has a slope over an axis without a table for that pair; nothing was sent")
+                raise NotSendable(Text("nc_no_table", axis=name))
             effect = abs(offsets.k0_um[axis]) + sum(abs(s) * r for s, r in zip(row, self._reach, strict=True))
             if not math.isfinite(effect):
-                raise NotSendable(f"offsets of {name}: expected finite numbers; nothing was sent")
+                raise NotSendable(Text("nc_offsets_not_finite", axis=name))
             if effect > largest:
-                raise NotSendable(
-                    f"offsets of {name} reach {effect:.1f} µm within the travel, beyond largest_um = {largest:g}; "
-                    "nothing was sent"
-                )
+                raise NotSendable(Text("nc_offsets_reach", axis=name, um=effect, most_um=largest))
 
     def _wrong_references(self) -> list[tuple[str, float, float, float]]:
         """Each axis whose P0 is not ours: its path, our P0, the one found, and the slope in force."""
@@ -152,10 +150,7 @@ class SinumerikWithSlopes(Sinumerik):
         for path, wanted, p0, slope in self._wrong_references():
             name = LINEAR_AXES[self._references.index(path)]
             raise Refused(
-                f"P0 of {name} (SD43920) is {p0:g} {'with a' if slope else 'without a'} slope in force, "
-                f"expected {wanted:g}",
+                Text("nc_p0_slope" if slope else "nc_p0", axis=name, p0=p0, wanted=wanted),
                 device=self._settings.device,
-                hint="set its slope (SD43910) to 0 on the control, or reference_mm to the value on the control"
-                if slope
-                else "claim the control again: that sets it",
+                hint=Text("nc_p0_slope_hint" if slope else "nc_p0_hint"),
             )

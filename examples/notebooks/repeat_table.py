@@ -3,7 +3,7 @@
 #
 # The studies repeat the papers' experiments on simulated machines, with naive peers beside them and the cases in which
 # the method loses (docs/studies.md). This runs a small version of "static, FIR and ARX": eight of its 120 runs. The
-# whole study is `make study NAME=arx-vs-static`; its table is in docs/results.md.
+# whole study is `make study NAME=arx-vs-static`; its table is in docs/figures.md.
 
 # %%
 import subprocess

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from drivers.base import DriverError, Reading, SharedLine
+from drivers.base import DriverError, NoAnswer, Reading, SharedLine
 from gateway.acquisition.line import Line
 from gateway.acquisition.pace import Pace
 from gateway.model.codes import NoticeCode
@@ -27,7 +27,8 @@ class LineReports:
         """
         expected = isinstance(error, DriverError | TimeoutError)
         text = self._text(subject, error)
-        self._problems.report(subject, text, kind or type(error).__name__, bug=None if expected else error)
+        kind = kind or ("NoAnswer" if isinstance(error, NoAnswer) else type(error).__name__)
+        self._problems.report(subject, text, kind, bug=None if expected else error)
         return text
 
     def _text(self, subject: Text, error: Exception) -> Text:

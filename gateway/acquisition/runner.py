@@ -196,10 +196,12 @@ class BusRunner:
         """Ask those that fit into the rest of the period, until one does not answer."""
         alone, vain = len(self.devices) == 1, False
         for device in waiting:
-            fits = max(device.cost_s, self._may_cost_s(device)) <= self._left_s(due)
-            if not vain and (alone or fits or device.breaker.overdue(due)):
+            left_s = self._left_s(due)
+            may_cost = alone or max(device.cost_s, self._may_cost_s(device)) <= left_s or device.breaker.overdue(due)
+            within_s = math.inf if may_cost else left_s - self._reserve_s
+            if not vain and (may_cost or (self._bus.is_limited and within_s >= _SHORTEST_S)):
                 silent = not device.ever_answered or device.silent >= _SILENT_OFTEN
-                vain = not await self._ask(device, due, last=silent)
+                vain = not await self._ask(device, due, last=silent, within_s=within_s)
             else:
                 self._publish_fault(device)
         await self._ask_again(due)
@@ -250,16 +252,17 @@ class BusRunner:
         self._bus.breaker.succeeded()
         return True
 
-    async def _ask(self, device: PolledDevice, due: float, *, last: bool = False) -> bool:
+    async def _ask(self, device: PolledDevice, due: float, *, last: bool = False, within_s: float = math.inf) -> bool:
         """Read one device and publish the result. False: it failed, or may be asked again in this period.
 
         last: it is not asked again in this period
+        within_s: how long it may take, if the bus can limit it
         """
         if not self._bus.is_open:  # closed after the previous device failed
             self._publish_fault(device)
             return False
         steady = self._steady(device)
-        error = await self._read(device)
+        error = await self._read(device, within_s=within_s)
         if error is not None:
             if (last and not device.heard) or not self._may_be_asked_again(device, error):
                 await self._failed(device, due, error)
@@ -276,7 +279,7 @@ class BusRunner:
                 unsure.error = error  # the first that was given the full time says best what is wrong
             if not isinstance(error, NoAnswer | BadAnswer | Busy):
                 await self._failed(unsure.device, due, error)
-            elif self._in_vain(unsure):
+            elif self._in_vain(unsure, error):
                 await self._failed(unsure.device, due, unsure.error)
             else:
                 self._unsure.append(unsure)
@@ -327,11 +330,12 @@ class BusRunner:
                 other.detail = device.detail
             await self.close()
 
-    def _in_vain(self, unsure: _Unsure) -> bool:
-        """Whether it need not be asked again in this period."""
+    def _in_vain(self, unsure: _Unsure, error: Exception) -> bool:
+        """Whether it need not be asked again in this period. error: of the last time"""
         device = unsure.device
         if device.heard or (self._bus.is_limited and device.ever_answered and not device.silent):
-            return unsure.asks >= (_MOST_HEARD if device.lost < _LOST_OFTEN else _FEW)
+            is_late = isinstance(error, NoAnswer)  # it makes progress
+            return unsure.asks >= (_MOST_HEARD if is_late or device.lost < _LOST_OFTEN else _FEW)
         return unsure.asks >= _MOST_SILENT
 
     def _publish_fault(self, device: PolledDevice) -> None:

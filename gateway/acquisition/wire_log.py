@@ -17,6 +17,9 @@ from time import monotonic
 from types import TracebackType
 from typing import Literal, Self, TextIO
 
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
+
 log = logging.getLogger(__name__)
 
 _FIRST_LINE = "# talc wire log 1"
@@ -178,7 +181,7 @@ class WireLogWriter:
     def _end(self, error: OSError) -> None:
         if not self.ended:
             self.ended = f"{self._path}: {error.strerror or error}"
-            log.warning("recording has ended: %s", self.ended)
+            log.warning("%s", Text(NoticeCode.RECORDING_ENDED, why=self.ended))
 
     def _close(self) -> None:
         file, self._file = self._file, None

@@ -118,10 +118,11 @@ def read_config(path: Path) -> "GatewayConfig":
     """The checked configuration; its warnings go to standard error."""
     from gateway.config.file import load
     from gateway.config.rules import cautions
+    from gateway.model.text import language_wanted
 
-    config = load(path)
+    config, language = load(path), language_wanted(os.environ)
     for caution in cautions(config):
-        click.echo(f"warning: {path}: {caution}", err=True)
+        click.echo(f"warning: {path}: {caution.in_language(language)}", err=True)
     return config
 
 

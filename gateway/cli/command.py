@@ -1,4 +1,4 @@
-"""`talc-gateway command`: tells a running gateway to measure, to pause or disarm, to go on, or to reload."""
+"""`talc-gateway command`: gives a running gateway a command and prints its answer."""
 
 import sys
 from pathlib import Path
@@ -42,6 +42,7 @@ def command(
     resume: the pause ends.
     disarm: the offsets go to zero and stay there, and no cycle is requested, restarts included.
     arm: the disarming ends; nothing is armed that the configuration does not arm.
+    reference: drop the reference; the sphere is measured anew while no program runs, and errors count from zero.
     reload: read the configuration again and apply it, unless something in it needs a restart.
     The gateway obeys those whom its configuration names, and stores each command. Exit code 3: refused or not reached.
     """

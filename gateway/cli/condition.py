@@ -34,7 +34,8 @@ def doctor(config: Path, language: str) -> None:
     Exit code 3 if something was found.
 
     Clock, disk, supply voltage, CAN interfaces, other programs on a serial port, certificates, probing that scatters
-    more than at first, sensors that are the same all day. It reads files only.
+    more than at first, sensors that are the same all day. It reads files, and connects only to the router of
+    [telemetry].
     """
     from gateway.commissioning.doctor.health import show
     from gateway.config.file import load

@@ -73,13 +73,19 @@ def export(database: Path, table: str, output: Path) -> None:
 @db.command()
 @Database
 @click.option("-o", "--output", type=AnyFile, required=True, help="Must not exist.")
-def backup(database: Path, output: Path) -> None:
-    """Copy DATABASE to a file, also while a gateway writes to it; the file appears once it is complete."""
+@click.option(
+    "--without-readings", is_flag=True, help="Leave out raw readings and their means: nothing is learnt of them."
+)
+def backup(database: Path, output: Path, without_readings: bool) -> None:
+    """Copy DATABASE to a file, also while a gateway writes to it; the file appears once it is complete.
+
+    A gateway that is started with the copy goes on from it, also on another computer (docs/roll-out.md).
+    """
     from gateway.storage.backup import back_up
 
     if output.exists():
         raise click.UsageError(f"{output} already exists; give another name with -o")
-    back_up(database, output)
+    back_up(database, output, readings=not without_readings)
     click.echo(f"{output}: {output.stat().st_size / _MB:.1f} MB")
 
 

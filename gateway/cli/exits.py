@@ -1,14 +1,18 @@
 """How commands are found, their exit codes, and how their errors are reported."""
 
+import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from importlib import import_module
+from pathlib import Path
 
 import click
 
 from drivers.base import DriverError, SetupError
 from gateway.acquisition.wire_log import WireLogError
 from gateway.config.problems import ConfigError
+from gateway.model.text import language_wanted, text_of
 from gateway.reporting.recordings.problems import RecordingError
 from gateway.storage.faults import StoreError
 
@@ -18,6 +22,9 @@ EXIT_WORLD = 3
 """A fault outside the program: a port in use, a device absent, an NC that refuses."""
 EXIT_DIFFERENT = 1
 """A comparison found a difference."""
+_REMEDY = "see `talc-gateway db check`; a gateway that starts on it sets it aside and goes on with what can be read"
+_DATABASE = b"SQLite format 3\0"
+_GIVEN = "gateway.arguments"
 
 
 class CommandsElsewhere(click.Group):
@@ -51,18 +58,51 @@ class Commands(CommandsElsewhere):
         try:
             return super().invoke(ctx)
         except (ConfigError, RecordingError, SetupError, WireLogError) as error:
-            click.echo(f"error: {error}", err=True)
+            click.echo(f"error: {_said(error)}", err=True)
             sys.exit(EXIT_CONFIG)
         except (DriverError, StoreError, OSError) as error:
-            click.echo(f"error: {error}", err=True)
+            click.echo(f"error: {_said(error)}", err=True)
             sys.exit(EXIT_WORLD)
         except BaseExceptionGroup as group:
             known, other = group.split((DriverError, StoreError, OSError))
             if known is None or other is not None:
                 raise
             for leaf in _leaves(known):
-                click.echo(f"error: {leaf}", err=True)
+                click.echo(f"error: {_said(leaf)}", err=True)
             sys.exit(EXIT_WORLD)
+        except Exception:
+            # A value that no gateway writes may raise anything, anywhere: the database says whether it is damaged.
+            damaged = list(_damaged(ctx.meta.get(_GIVEN, ())))
+            if not damaged:
+                raise
+            for text in damaged:
+                click.echo(f"error: {text}", err=True)
+            sys.exit(EXIT_WORLD)
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        ctx.meta[_GIVEN] = tuple(args)
+        return super().parse_args(ctx, args)
+
+
+def _damaged(given: Sequence[str]) -> Iterator[str]:
+    """What is damaged in the databases among these arguments."""
+    from gateway.storage.damage import damage_found
+
+    for name in given:
+        with suppress(OSError, ValueError):
+            if Path(name).is_file() and _begins(Path(name)) == _DATABASE:
+                yield from (f"{name}: is damaged: {found}; {_REMEDY}" for found in damage_found(Path(name))[:1])
+
+
+def _begins(path: Path) -> bytes:
+    with path.open("rb") as file:
+        return file.read(len(_DATABASE))
+
+
+def _said(error: BaseException) -> str:
+    """In the terminal's language."""
+    language = language_wanted(os.environ)
+    return error.in_language(language) if isinstance(error, ConfigError) else text_of(error).in_language(language)
 
 
 def _leaves(group: BaseExceptionGroup[BaseException]) -> list[BaseException]:

@@ -5,7 +5,9 @@ import click
 from gateway.cli.exits import CommandsElsewhere
 
 _SCAN = {name: f"gateway.cli.scan:{name}_command" for name in ("can", "ports", "serial", "tcp")}
-_INSPECT = {name: f"gateway.cli.inspect:{name}_command" for name in ("nodes", "objects", "registers", "topics")}
+_INSPECT = {
+    name: f"gateway.cli.inspect:{name}_command" for name in ("nodes", "objects", "registers", "sweep", "topics")
+}
 
 
 @click.group(cls=CommandsElsewhere, elsewhere=_SCAN)

@@ -1,7 +1,8 @@
-"""`talc-gateway inspect`: its commands `registers`, `objects`, `nodes` and `topics`."""
+"""`talc-gateway inspect`: its commands `registers`, `sweep`, `objects`, `nodes` and `topics`."""
 
 import sys
 from functools import partial
+from pathlib import Path
 from typing import Any, get_args
 
 import click
@@ -72,6 +73,32 @@ def registers_command(
         raise click.UsageError(f"{len(addresses)} addresses: expected at most {_MOST_ADDRESSES}")
     bus = modbus_at(where, unit, **line)
     sys.exit(0 if inspect_registers(bus, unit, function, addresses, where, draft, form) else EXIT_WORLD)
+
+
+@click.command("sweep")
+@click.argument("where")
+@click.option(
+    "--unit", type=click.IntRange(*ModbusTcpSettings.units), default=1, show_default=True, help="Modbus unit id."
+)
+@click.option("--most", type=click.IntRange(1, 65536), default=1000, show_default=True,
+              help="Addresses of each table, from 0 on.")  # fmt: skip
+@field_option("--baud", ModbusRtuSettings, "baud")
+@field_option("--parity", ModbusRtuSettings, "parity")
+@click.option("--rtu", is_flag=True, help="RTU frames over TCP, for a device server; give its port.")
+@timeout(1.0)
+@click.option("--draft", "file", type=AnyFile, help="Write a profile of what is likely meant; a new file.")
+@click.option("--quantity", default="degC", show_default=True, help="Unit of the values in the draft.")
+def sweep_command(where: str, unit: int, most: int, file: Path | None, quantity: str, **line: Any) -> None:
+    """Read all four tables of one Modbus unit at WHERE, mark what changes while you warm a sensor, and draft a profile.
+
+    \b
+    One request follows another, reads only. What changed stands there as every number that it may be; the profile has
+    the type, the order and the scale with which it is a likely temperature, and says CONFIRM.
+    """
+    from gateway.commissioning.inspection.registers import modbus_at, sweep_unit
+
+    draft = Draft(file, 1.0, quantity)
+    sys.exit(0 if sweep_unit(modbus_at(where, unit, **line), unit, most, where, draft) else EXIT_WORLD)
 
 
 @click.command("objects")

@@ -1,6 +1,7 @@
 """The commands of `talc-gateway`."""
 
 import logging
+import os
 import sys
 from datetime import UTC, datetime
 from importlib.util import find_spec
@@ -37,6 +38,7 @@ _ELSEWHERE = {
     "db": "gateway.cli.db",
     "doctor": "gateway.cli.condition",
     "inspect": "gateway.cli.groups",
+    "name": "gateway.cli.name",
     "nc": "gateway.cli.nc",
     "prior": "gateway.cli.recorded",
     "publish": "gateway.cli.publish",
@@ -61,6 +63,8 @@ def main(verbose: int) -> None:
     \b
     Exit codes: 0 success; 1 a comparison found a difference; 2 the configuration or the command line is invalid;
     3 a fault outside the program (port in use, device absent, NC refuses).
+    \b
+    Messages name pages such as docs/wiring.md: the Debian package has them in /usr/share/doc/talc-gateway.
     """
     level = (logging.WARNING, logging.INFO, logging.DEBUG)[min(verbose, 2)]
     log_to_stderr(level)
@@ -84,8 +88,9 @@ def init(config: Path, answers: Path | None, limit: float) -> None:
 
     \b
     Asks for the machine's name, wires and control, scans the wires (reads only), and writes a commented file that
-    `check` accepts. Lines that hold a guess say CONFIRM, and are listed. An existing file is never changed, except the
-    untouched example of the Debian package: `scan --toml` adds to it.
+    `check` accepts. Lines that hold a guess say CONFIRM, and are listed; unknown devices are comments with the next
+    command. Run again, it proposes the same answers and adds what is missing. It changes no file that it did not write,
+    except the untouched example of the Debian package: `scan --toml` adds to those.
     """
     from gateway.commissioning.init import init as begin
 
@@ -192,11 +197,12 @@ def play(file: Path, folder: Path | None, seconds: float | None, multicast: str 
 def run(config: Path, wires: Path | None, record_mb: float) -> None:
     """Run the gateway of CONFIG until SIGINT or SIGTERM."""
     from gateway.config.telemetry_rules import credential_problems
+    from gateway.model.text import language_wanted
     from gateway.service.run import run_service
 
-    checked = read_config(config)
+    checked, language = read_config(config), language_wanted(os.environ)
     for problem in credential_problems(checked.telemetry, datetime.now(UTC)):  # no reason not to run the machine
-        click.echo(f"warning: {config}: {problem}", err=True)
+        click.echo(f"warning: {config}: {problem.in_language(language)}", err=True)
     run_service(checked, config, wires, record_mb)
 
 
@@ -224,7 +230,8 @@ def run(config: Path, wires: Path | None, record_mb: float) -> None:
     show_default=True,
     help="The emulated control, or the real LinuxCNC if it is installed (then only --folder applies).",
 )
-def demo(nc: str, **given: Any) -> None:
+@click.option("--replay", is_flag=True, help="Play the last demo in --folder again, in a minute, for its page.")
+def demo(nc: str, replay: bool, **given: Any) -> None:
     """Run an emulated machine and its gateway over real protocols, on this computer only."""
     _with_simulators()
     if nc == "linuxcnc":
@@ -233,8 +240,11 @@ def demo(nc: str, **given: Any) -> None:
         run_linuxcnc_demo(given["folder"] / "linuxcnc")
         return
     need_extra("report")
-    from gateway.demo.demo import run_demo, wanted
+    from gateway.demo.demo import replay_demo, run_demo, wanted
 
+    if replay:
+        replay_demo(given["folder"], given["zenoh_port"])
+        return
     run_demo(wanted(**given))
 
 

@@ -150,9 +150,18 @@ def make_prior(
     "--shifts", default="06:00,14:00,22:00", show_default=True, help="When shifts begin, local time; empty: no shifts."
 )
 @click.option("--day", type=click.DateTime(["%Y-%m-%d"]), help="Only this day, local time, such as 2026-03-02.")
+@click.option("--pdf", is_flag=True, help="Also a PDF of at most six pages, beside the page.")
+@click.option("--tolerance", type=FiniteNumber(min=0.0, min_open=True), help="Of the jobs, ± µm at the tool.")
 @LanguageOption
 def report(
-    database: Path, output: Path | None, time_zone: ZoneInfo | None, shifts: str, day: datetime | None, language: str
+    database: Path,
+    output: Path | None,
+    time_zone: ZoneInfo | None,
+    shifts: str,
+    day: datetime | None,
+    pdf: bool,
+    tolerance: float | None,
+    language: str,
 ) -> None:
     """Write the HTML report of DATABASE and print its table."""
     need_extra("report")
@@ -160,5 +169,9 @@ def report(
     from gateway.service.report_data import Reader
     from gateway.service.report_file import write
 
-    reader = Reader(time_zone, parsed("--shifts", shift_starts, shifts), None if day is None else day.date(), language)
-    write(database, page_path(output, database), reader=reader)
+    of_day = None if day is None else day.date()
+    reader = Reader(time_zone, parsed("--shifts", shift_starts, shifts), of_day, language, tolerance)
+    page = page_path(output, database)
+    paper = page.with_suffix(".pdf") if pdf else None
+    check_output("PDF", "-o", paper, database, page)
+    write(database, page, reader=reader, paper=paper)

@@ -14,8 +14,9 @@ from drivers.base import DriverError, Refused, SetupError
 from drivers.nc import MarksPath, ProbingState, RunsDry
 from gateway.config.controls import Nc
 from gateway.config.model import GatewayConfig
+from gateway.model.codes import NoticeCode
 from gateway.model.events import EventReported, ProbingRequested
-from gateway.model.text import Language, language_wanted
+from gateway.model.text import Language, Text, language_wanted
 from gateway.model.wording import event_of
 from gateway.nc.boundary import contained_control
 from gateway.nc.build import control_of
@@ -154,5 +155,5 @@ def _asked(config: GatewayConfig) -> tuple[Nc, Geometry]:
     """Raises SetupError."""
     geometry = geometry_of(config)
     if geometry is None or config.nc is None or config.nc.only_read:
-        raise SetupError("CONFIG has no control that can be asked to probe: [nc] is missing, or only read")
+        raise SetupError(Text(NoticeCode.NO_PROBING_CONTROL))
     return config.nc, geometry

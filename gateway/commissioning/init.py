@@ -2,38 +2,36 @@
 
 import asyncio
 import os
-import re
-import socket
 import sys
-from collections.abc import Awaitable, Callable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Awaitable, Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Final
 
 import click
 
-from drivers.base import DriverError, SetupError
+from drivers.base import DriverError
 from drivers.can.survey import Stopped
 from drivers.canopen.settings import CanOpenSettings
+from drivers.modbus.settings import ModbusRtuSettings
 from drivers.mtconnect.make import suggest_mtconnect
 from drivers.mtconnect.suggest import SuggestedItems
 from drivers.problems import read_settings
+from gateway.commissioning.questions import asked, keep, with_own_profiles
 from gateway.commissioning.scan.can import CanScan, scan_can
 from gateway.commissioning.scan.first import (
     Answers,
-    ControlAnswers,
-    LinuxCncAnswers,
     MtConnectAnswers,
-    SinumerikAnswers,
     first_configuration,
     read_answers,
     to_confirm,
 )
 from gateway.commissioning.scan.found import Place, ScanProgress, ScanReport
-from gateway.commissioning.scan.ports import ScanPort, find_ports
+from gateway.commissioning.scan.fragment import check_addable, unknown_devices
+from gateway.commissioning.scan.ports import find_ports
 from gateway.commissioning.scan.run import (
     BAUDS,
+    BITRATES,
     CAN_TIMEOUT_S,
     LISTEN_S,
     ME_BAUDS,
@@ -46,25 +44,12 @@ from gateway.commissioning.scan.run import (
 )
 from gateway.commissioning.scan.serial import plan, scan_line
 from gateway.commissioning.scan.tcp import TcpScan, scan_hosts, scanned_host
+from gateway.commissioning.scan.unknown import next_command, with_profiles
+from gateway.config.file import draft
+from gateway.config.reading import read_text
 from gateway.runtime.terminal import terminal
+from gateway.runtime.written import whole_numbers
 
-_CONTROLS: Final[Mapping[str, tuple[type[ControlAnswers], Mapping[str, str]]]] = {
-    "sinumerik": (
-        SinumerikAnswers,
-        {
-            "url": "Address of its OPC UA server",
-            "user": "OPC UA user",
-            "folder": "Folder of password, certificates and key",
-        },
-    ),
-    "linuxcnc": (LinuxCncAnswers, {"host": "Host of its agent", "key_file": "Copy of the agent's key"}),
-    "agent": (LinuxCncAnswers, {"host": "Host of the agent", "key_file": "Copy of the agent's key"}),
-    "mtconnect": (
-        MtConnectAnswers,
-        {"url": "Address of its MTConnect agent", "machine": "Its machine's name, if the agent has several"},
-    ),
-}
-"""Kind of control to its answers, and the question for each of them."""
 _AGENT_TIMEOUT_S = 5.0
 _UNITS = tuple(range(1, 33))
 _ME_ADDRESSES = (126,)
@@ -81,36 +66,60 @@ class _Wire:
 
 
 def init(path: Path, answers_file: Path | None, limit_s: float) -> bool:
-    """Write `path`; False if no device was recognised, and nothing was written.
+    """Write `path` with everything that was found, or add that to a file that `init` wrote; False: no device is known.
 
-    Raises ConfigError for an invalid answer.
+    The answers are kept beside it, before anything is scanned. Raises ConfigError for an invalid answer.
 
-    An existing file is replaced only if it is the Debian package's example, which nobody has changed.
+    An existing file that is not from `init` is replaced only if it is the Debian package's example, which nobody has
+    changed.
     """
     if not os.access(path.resolve().parent, os.W_OK):
         raise click.UsageError(
             f"the folder {path.resolve().parent} cannot be written: does it exist, and may you write there?"
         )
-    if path.exists() and not _is_example(path):
+    kept = path.with_suffix(".answers.toml")
+    again = path.exists() and not _is_example(path)
+    if again and not kept.exists():
         raise click.UsageError(f"{path} exists; `talc-gateway scan … --toml {path}` adds devices to it")
-    given = _asked(find_ports()) if answers_file is None else read_answers(answers_file)
+    existing = read_text(path) if again else ""
+    if again:
+        check_addable(existing, path)
+    earlier = read_answers(kept) if kept.exists() else None
+    given = asked(find_ports(), earlier, kept) if answers_file is None else read_answers(answers_file)
+    keep(kept, given)
     places = _found(given, limit_s)
-    if not any(device.what.profile for place in places for device in place.devices):
-        click.echo(
-            f"no device was recognised, so {path} was not written: without one there is nothing to learn from. "
-            "`talc-gateway scan` has more speeds, units and nodes; docs/own-profile.md shows a profile of your own",
-            err=True,
-        )
-        return False
+    if answers_file is None:
+        given = with_own_profiles(given, unknown_devices(existing, places, path))
+        keep(kept, given)
+    places = with_profiles(places, given.profiles)
     items = _described(given.control) if isinstance(given.control, MtConnectAnswers) else None
-    text = first_configuration(given, places, path, items)
+    text = first_configuration(given, places, path, items, existing)
     path.write_text(text, encoding="utf-8")
+    return _told(path, text, places)
+
+
+def _told(path: Path, text: str, places: Sequence[Place]) -> bool:
+    """Say what was written and what comes next; whether the file has a device."""
+    known = bool(draft(text, path).devices)
     guesses = to_confirm(text)
     click.echo(f"{path} written; {len(guesses)} line{'' if len(guesses) == 1 else 's'} to confirm:")
     for number, what in guesses:
         click.echo(f"  line {number}: {what}")
-    click.echo(f"next: talc-gateway check {path}; talc-gateway probe {path}; docs/arming.md leads from there")
-    return True
+    unknown = unknown_devices(text, places, path)
+    for place, device in unknown:
+        command = next_command(place, device) or "docs/own-profile.md shows a profile of your own"
+        click.echo(f"unknown, unit {device.unit} at {place.title}; next: {command}")
+    if unknown:
+        click.echo(f"then talc-gateway init {path} again, which asks for the profile")
+    if known:
+        click.echo(f"next: talc-gateway check {path}; talc-gateway probe {path}; docs/arming.md leads from there")
+        return True
+    click.echo(
+        f"no device was recognised: {path} has your other answers and becomes valid with its first device. "
+        "`talc-gateway scan` has more speeds, units and nodes",
+        err=True,
+    )
+    return False
 
 
 def _is_example(path: Path) -> bool:
@@ -119,36 +128,6 @@ def _is_example(path: Path) -> bool:
         return path.read_bytes() == Path(sys.prefix, "share", "gateway.toml").read_bytes()
     except OSError:
         return False
-
-
-def _asked(ports: list[ScanPort]) -> Answers:
-    """The integrator's answers. Ctrl-C, and an input that has ended, end the command."""
-    host = re.sub(r"\W", "_", socket.gethostname().split(".")[0], flags=re.ASCII)
-    machine = click.prompt("Name of the machine", default=host, value_proc=_name)
-    wanted: dict[str, list[str]] = {"serial": [], "can": []}
-    for port in ports:
-        if click.confirm(f"Look for devices on {port.name} ({port.remark})?", default=True):
-            wanted[port.command].append(port.name)
-    hosts = click.prompt(
-        "Modbus TCP devices and Micro-Epsilon controllers, host or host:port, with blanks between", default=""
-    )
-    kind = click.prompt("Control", type=click.Choice(["none", *_CONTROLS]), default="none")
-    data: dict[str, object] = {"machine": machine, **wanted, "hosts": hosts.split()}
-    if kind in _CONTROLS:
-        fields, questions = _CONTROLS[kind]
-        data["control"] = {"kind": kind} | {
-            name: click.prompt(question, default=fields.model_fields[name].default)
-            for name, question in questions.items()
-        }
-    return read_settings(Answers, data)
-
-
-def _name(text: str) -> str:
-    """A machine's name; click asks again for another one."""
-    try:
-        return read_settings(Answers, {"machine": text}).machine
-    except SetupError as error:
-        raise click.UsageError(str(error)) from None
 
 
 def _found(answers: Answers, limit_s: float) -> list[Place]:
@@ -182,19 +161,30 @@ def _described(control: MtConnectAnswers) -> SuggestedItems | None:
 
 
 def _wires(answers: Answers) -> Iterator[_Wire]:
+    units = None if answers.units is None else whole_numbers(*ModbusRtuSettings.units, answers.units)
     for port in dict.fromkeys(answers.serial):
         line = plan(
-            port, bauds=answers.bauds or BAUDS, parities=PARITIES, units=_UNITS, me_bauds=ME_BAUDS,
+            port, bauds=answers.bauds or BAUDS, parities=PARITIES, units=units or _UNITS, me_bauds=ME_BAUDS,
             me_addresses=_ME_ADDRESSES, timeout_s=SERIAL_TIMEOUT_S,
         )  # fmt: skip
         yield _Wire(port, line.requests, _by(partial(scan_line, line)))
     for channel in dict.fromkeys(answers.can):
         place = read_settings(CanOpenSettings, {"interface": "socketcan", "channel": channel})
         bus = CanScan(place, (place.bitrate,), _NODES, LISTEN_S, CAN_TIMEOUT_S)
-        yield _Wire(channel, len(_NODES), _by(partial(scan_can, bus)))
+        yield _Wire(channel, len(_NODES), partial(_scan_can, bus))
+    for port in dict.fromkeys(answers.slcan):
+        place = read_settings(CanOpenSettings, {"interface": "slcan", "channel": port})
+        bus = CanScan(place, BITRATES, _NODES, LISTEN_S, CAN_TIMEOUT_S)
+        yield _Wire(port, len(BITRATES) * len(_NODES), partial(_scan_can, bus))
     if answers.hosts:
-        hosts = TcpScan(tuple(scanned_host(host) for host in dict.fromkeys(answers.hosts)), (1,), TCP_TIMEOUT_S)
+        hosts = TcpScan(
+            tuple(scanned_host(host) for host in dict.fromkeys(answers.hosts)), units or (1,), TCP_TIMEOUT_S
+        )
         yield _Wire(", ".join(answers.hosts), hosts.requests, _by(partial(scan_hosts, hosts)))
+
+
+async def _scan_can(scan: CanScan, progress: ScanProgress, stopped: Stopped, anyway: bool) -> ScanReport:
+    return await scan_can(replace(scan, anyway=anyway), progress, stopped)
 
 
 def _by(scan: Callable[[ScanProgress, Stopped], Awaitable[ScanReport]]) -> ScanRun:

@@ -16,6 +16,8 @@ from gateway.config.polled import BusSection, ProfileOf, refused
 from gateway.config.problems import Problem, suggestion
 from gateway.config.reading import any_section_of
 from gateway.config.sections import Device
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 
 
 class FamilyBus(BusSection):
@@ -27,7 +29,7 @@ class FamilyBus(BusSection):
             where = f"device '{device.name}', profile"
             if not is_users(device.profile) and device.profile not in profile_names():
                 known = suggestion(device.profile, profile_names())
-                yield Problem(where, f"unknown profile '{device.profile}'; {known}")
+                yield Problem(where, Text(NoticeCode.UNKNOWN_PROFILE, profile=device.profile, advice=known))
                 continue
             try:
                 profile = profile_of(device)
@@ -45,7 +47,7 @@ class FamilyBus(BusSection):
                 yield refused(device.name, error)
                 continue
             if loaded.oldest_s is not None and loaded.oldest_s > 3.0 * self.period_s:
-                yield Problem(where, "max_age_s = " + self.too_old(loaded.oldest_s))
+                yield Problem(where, Text(NoticeCode.PROFILE_TOO_OLD, why=self.too_old(loaded.oldest_s)))
 
     def built(
         self, devices: Sequence[Device], profile_of: ProfileOf, tap: Tap | None, clock: Clock

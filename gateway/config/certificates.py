@@ -5,6 +5,8 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from drivers.bounded_file import bytes_of
+
 if TYPE_CHECKING:
     from gateway.config.model import GatewayConfig
 
@@ -22,7 +24,7 @@ def certificate_end(path: Path) -> datetime | None:
     from cryptography import x509  # only where there are any: it takes long to load
 
     try:
-        content = path.read_bytes()
+        content = bytes_of(path)
         pem = b"-----BEGIN" in content
         found = x509.load_pem_x509_certificates(content) if pem else [x509.load_der_x509_certificate(content)]
     except (OSError, ValueError):

@@ -8,7 +8,7 @@ from pydantic import Field
 
 from drivers.agent.settings import AGENT_STATES, AgentAddress, AgentRequests, AgentSettings
 from drivers.bus_settings import is_loopback
-from drivers.linuxcnc.settings import LinuxCncSettings
+from drivers.linuxcnc.settings import ANALOG_OUTPUTS, LinuxCncSettings
 from drivers.mtconnect.settings import MtConnectSettings
 from drivers.nc import LARGEST_UM
 from drivers.problems import settings_of
@@ -114,6 +114,10 @@ class LinuxCncNc(PolledAgent):
     def settings(self, poses_deg: Poses, states: Iterable[str]) -> LinuxCncSettings:  # noqa: ARG002
         """The same, with the poses of its probing program."""
         return settings_of(LinuxCncSettings, self._given(LinuxCncSettings) | {"poses": len(poses_deg)})
+
+    def known_states(self) -> Iterable[str]:
+        """Every machine state that can be an input, or the stated tolerance."""
+        return (*AGENT_STATES, *ANALOG_OUTPUTS)
 
 
 class AgentNc(PolledAgent, AgentRequests):

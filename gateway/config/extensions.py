@@ -24,6 +24,8 @@ from gateway.config.buses import section_of_settings
 from gateway.config.polled import BusSection, PolledControl, ProfileOf, refused
 from gateway.config.problems import Problem
 from gateway.config.sections import Device
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 
 CONTROLS: Final = "talc_gateway.controls"
 BUSES: Final = "talc_gateway.buses"
@@ -209,7 +211,9 @@ def asked(kind: str, question: Callable[[], T]) -> T:
     except DriverError:
         raise
     except Exception as error:
-        raise SetupError(f"the package of kind '{kind}' failed: {type(error).__name__}: {error}") from error
+        raise SetupError(
+            Text(NoticeCode.PACKAGE_FAILED, kind=kind, type=type(error).__name__, error=str(error))
+        ) from error
 
 
 class ExtensionError(Exception):

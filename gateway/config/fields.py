@@ -6,6 +6,7 @@ from typing import Annotated, Final
 from pydantic import AfterValidator, ValidationInfo
 
 from drivers.section import beside_the_file, in_form
+from gateway.model.codes import NoticeCode
 
 LOOPBACK: Final = "tcp/127.0.0.1:7447"
 """Zenoh endpoint on which a gateway listens, and is looked for, unless somebody says otherwise: this computer alone."""
@@ -24,12 +25,12 @@ ProfileName = Annotated[str, AfterValidator(_profile_beside_the_file)]
 
 NAME_FORM: Final = r"[A-Za-z][A-Za-z0-9_]{0,63}"
 """The form of the names of machines, buses, devices and channels."""
-machine_name: Final = in_form(NAME_FORM, "a letter, then letters, digits and _, at most 64")
+machine_name: Final = in_form(NAME_FORM, NoticeCode.A_MACHINE_NAME)
 """The text, if it can be one of these names. Raises ValueError."""
 Name = Annotated[str, AfterValidator(machine_name)]
 """Becomes part of a key, so slash, star, dot and blank are not allowed."""
 
-key_prefix: Final = in_form(r"[A-Za-z0-9_-]+(/[A-Za-z0-9_-]+)*", "letters, digits, _ and -, parts separated by /")
+key_prefix: Final = in_form(r"[A-Za-z0-9_-]+(/[A-Za-z0-9_-]+)*", NoticeCode.A_KEY_PREFIX)
 """The text, if published keys may begin with it. Raises ValueError."""
 KeyPrefix = Annotated[str, AfterValidator(key_prefix)]
 """What all keys of a gateway begin with, before the machine's name: no wildcard, and no part is empty."""

@@ -5,7 +5,8 @@ from pathlib import Path
 
 from gateway.config.extended import read_configuration
 from gateway.config.model import GatewayConfig
-from gateway.config.reading import data_of, read_data
+from gateway.config.problems import located
+from gateway.config.reading import data_of, read_text
 from gateway.config.rules import checked
 
 
@@ -14,7 +15,7 @@ def load(path: Path) -> GatewayConfig:
 
     Raises ConfigError with every problem found.
     """
-    return from_data(read_data(path), path)
+    return parse(read_text(path), path)
 
 
 def parse(text: str, path: Path) -> GatewayConfig:
@@ -22,12 +23,14 @@ def parse(text: str, path: Path) -> GatewayConfig:
 
     Raises ConfigError with every problem found.
     """
-    return from_data(data_of(text, path), path)
+    with located(text):
+        return from_data(data_of(text, path), path)
 
 
 def draft(text: str, path: Path) -> GatewayConfig:
     """The content of a text so far: each field is valid, but they need not fit together. Raises ConfigError."""
-    return read_configuration(data_of(text, path), path)
+    with located(text):
+        return read_configuration(data_of(text, path), path)
 
 
 def from_data(data: Mapping[str, object], path: Path) -> GatewayConfig:

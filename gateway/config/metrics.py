@@ -6,15 +6,18 @@ from typing import Annotated
 from pydantic import AfterValidator
 
 from drivers.section import Section
+from drivers.text import shown
 from gateway.config.problems import Problem
 from gateway.config.telemetry import EndpointParts, TelemetryTls, endpoint
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 
 
 def _address(text: str) -> str:
     try:
         endpoint(f"tcp/{text}")
     except ValueError:
-        raise ValueError(f"{text!r}: expected HOST:PORT such as 127.0.0.1:9464") from None
+        raise ValueError(Text(NoticeCode.METRICS_FORM, value=shown(text))) from None
     return text
 
 
@@ -38,7 +41,7 @@ def metrics_problems(metrics: Metrics, tls: TelemetryTls) -> Iterator[Problem]:
     """What contradicts itself; reads no file."""
     place = metrics.place
     if metrics.tls and tls.certificate is None:
-        yield Problem("[metrics] tls", "true, but there is no [telemetry.tls] certificate")
+        yield Problem("[metrics] tls", Text(NoticeCode.METRICS_NO_CERTIFICATE))
     if place is not None and not (place.local or metrics.tls or metrics.allow_unencrypted):
         yield Problem(
             "[metrics] listen",

@@ -20,6 +20,7 @@ from gateway.config.sections import (
     Compensation,
     Device,
     Grid,
+    Instrument,
     Limits,
     MachineSection,
     PlannedLoad,
@@ -55,6 +56,7 @@ class GatewayConfig(Section):
     devices: tuple[Device, ...] = Field(default=(), alias="device")
     states: tuple[State, ...] = Field(default=(), alias="state")
     planned_loads: tuple[PlannedLoad, ...] = Field(default=(), alias="planned_load", max_length=8)
+    instruments: tuple[Instrument, ...] = Field(default=(), alias="instrument", max_length=40)
     limits: Mapping[str, Limits] = Field(default_factory=dict)
     nc: Nc | None = None
     probing: Probing = Probing()
@@ -104,9 +106,15 @@ class GatewayConfig(Section):
 
     @property
     def input_names(self) -> tuple[str, ...]:
-        """Names of the model inputs, in the order of a frame: channels in file order, then machine states."""
+        """Names of the model inputs, in the order of a frame: channels in file order, then machine states that are
+        inputs."""
         channels = (name for device in self.devices for name in device.channels)
-        return (*channels, *(state.name for state in self.states))
+        return (*channels, *(state.name for state in self.states if state.use == "input"))
+
+    @property
+    def tolerance_state(self) -> str | None:
+        """The machine state that is the stated tolerance; None: there is none."""
+        return next((state.name for state in self.states if state.use == "tolerance"), None)
 
     def devices_of(self, bus: str) -> tuple[Device, ...]:
         """The devices on one bus, in file order."""

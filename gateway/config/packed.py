@@ -15,6 +15,8 @@ from gateway.config.model import GatewayConfig
 from gateway.config.problems import ConfigError, Problem, shown
 from gateway.config.reading import data_of
 from gateway.config.wires import toml_value, wires_toml
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 
 _FILES = "files"
 _FOLDER = "profiles"
@@ -93,7 +95,7 @@ def _toml_text(text: str) -> str:
 
 def _table(files: object, path: Path) -> Mapping[str, object]:
     if not isinstance(files, dict):
-        raise ConfigError(path, [Problem(_FILES, f"{shown(files)}: expected a table")])
+        raise ConfigError(path, [Problem(_FILES, Text("expected", value=shown(files), wanted=Text("a_table")))])
     return files
 
 
@@ -102,10 +104,13 @@ def _content(name: str, text: object, path: Path) -> bytes:
     where = f"[{_FILES}] {name}"
     encoding = _ENCODINGS.get(Path(name).suffix)
     if encoding is None or Path(name).name != name:
-        raise ConfigError(path, [Problem(where, "expected the name of a .toml, .dbc or .eds file, without a folder")])
+        raise ConfigError(path, [Problem(where, Text(NoticeCode.PACKED_NAME))])
     if not isinstance(text, str):
-        raise ConfigError(path, [Problem(where, f"{shown(text)}: expected a text in quotes")])
+        raise ConfigError(path, [Problem(where, Text("expected", value=shown(text), wanted=Text("a_text")))])
     try:
         return text.encode(encoding)
     except UnicodeEncodeError as error:
-        raise ConfigError(path, [Problem(where, f"holds {error.object[error.start]!r}, not {encoding}")]) from None
+        raise ConfigError(
+            path,
+            [Problem(where, Text(NoticeCode.PACKED_ENCODING, letter=error.object[error.start], encoding=encoding))],
+        ) from None

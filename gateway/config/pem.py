@@ -6,21 +6,25 @@ from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric.types import PublicKeyTypes
 from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat, load_pem_private_key
 
+from drivers.bounded_file import bytes_of
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
+
 
 def certificates(path: Path) -> list[x509.Certificate]:
     """The certificates of a PEM file, at least one. Raises OSError, ValueError."""
     try:
-        return x509.load_pem_x509_certificates(path.read_bytes())
+        return x509.load_pem_x509_certificates(bytes_of(path))
     except ValueError:
-        raise ValueError("expected certificates in PEM, beginning with -----BEGIN CERTIFICATE-----") from None
+        raise ValueError(Text(NoticeCode.NO_PEM)) from None
 
 
 def public_key(path: Path) -> bytes:
     """The public key of a private key in PEM. Raises OSError, ValueError."""
     try:
-        key = load_pem_private_key(path.read_bytes(), None)
+        key = load_pem_private_key(bytes_of(path), None)
     except (ValueError, TypeError):  # TypeError: it needs a password, which nobody gives when the gateway starts
-        raise ValueError("expected a private key in PEM without a password") from None
+        raise ValueError(Text(NoticeCode.NO_PEM_KEY)) from None
     return der(key.public_key())
 
 

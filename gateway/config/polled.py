@@ -14,6 +14,8 @@ from drivers.tap import Tap
 from gateway.config.fields import Name
 from gateway.config.problems import Problem
 from gateway.config.sections import Device
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 
 PERIOD_S: Final = 1.0
 READ_LIMIT_S: Final = 10.0
@@ -55,18 +57,15 @@ class BusSection(AnyBus):
     ) -> tuple[Bus, tuple[Driver, ...]]:
         """The bus and its devices. tap: receives everything that passes on the wire. Raises SetupError."""
 
-    def too_old(self, age_s: float) -> str:
+    def too_old(self, age_s: float) -> Text:
         """Why a value of this age, longer than three periods, is a mistake."""
-        return (
-            f"{age_s:g}: a value goes stale after three periods; expected at most {3.0 * self.period_s:g}, or a longer "
-            f"period_s of bus '{self.name}'"
-        )
+        return Text(NoticeCode.OLDER_THAN_PERIODS, age_s=age_s, most_s=3.0 * self.period_s, bus=self.name)
 
 
 def refused(device: str, error: SetupError) -> Problem:
     """What a driver rejects, in the place of its device or channel."""
     where = f"device '{device}'"
-    return Problem(f"{where}, channels.{error.channel}" if error.channel else where, error.advice)
+    return Problem(f"{where}, channels.{error.channel}" if error.channel else where, error.advice, error.field)
 
 
 class PolledControl(Section):

@@ -7,14 +7,16 @@ from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from drivers.bounded_file import bytes_of
+from drivers.error_words import in_words
 from gateway.model.codes import NoticeCode
-from gateway.model.text import Text
+from gateway.model.text import Text, text_of
 from talc.settings import TalcSettings
 
 if TYPE_CHECKING:
     from talc.learner import Prior
 
-_REMEDY = "make one with `talc-gateway prior make`, or remove this line"
+_MOST_BYTES = 2**26
 
 
 class PriorError(Exception):
@@ -39,17 +41,14 @@ def prior_for(talc: TalcSettings, names: Sequence[str]) -> PriorFile | None:
     if talc.prior is None:
         return None
     try:
-        found = parse_prior(Path(talc.prior).read_text(encoding="utf-8"))
+        found = parse_prior(bytes_of(Path(talc.prior), _MOST_BYTES).decode())
     except OSError as error:
-        raise PriorError(f"'{talc.prior}' cannot be read: {error.strerror or error}; {_REMEDY}") from None
+        raise PriorError(Text(NoticeCode.PRIOR_UNREADABLE, path=talc.prior, why=in_words(error))) from None
     except ValueError as error:
-        raise PriorError(f"'{talc.prior}': {error}; {_REMEDY}") from None
+        raise PriorError(Text(NoticeCode.PRIOR_USELESS, path=talc.prior, why=text_of(error))) from None
     if not found.prior.known(names):
-        theirs = ", ".join(found.prior.inputs[:3])
-        raise PriorError(
-            f"'{talc.prior}': none of its inputs ({theirs}, ...) has the name of an input here; inputs are matched by "
-            f"name: use the same names on machines of one kind, or remove this line"
-        )
+        theirs = tuple(found.prior.inputs[:3])
+        raise PriorError(Text(NoticeCode.PRIOR_OTHER_INPUTS, path=talc.prior, theirs=theirs))
     return found
 
 
@@ -60,9 +59,9 @@ def parse_prior(text: str) -> PriorFile:
     try:
         plain = json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise ValueError(f"is not JSON: {error}") from None
+        raise ValueError(Text(NoticeCode.NOT_JSON, error=str(error))) from None
     if not isinstance(plain, dict):
-        raise ValueError("is not a prior: expected a table")  # noqa: TRY004 -- of a file, not of a caller
+        raise ValueError(Text(NoticeCode.NOT_A_PRIOR))  # noqa: TRY004 -- of a file, not of a caller
     return PriorFile(text, Prior.from_dict(plain))
 
 

@@ -6,8 +6,11 @@ from typing import Annotated, Any, TypeVar, Union
 
 from pydantic import BaseModel, Field
 
-from drivers.problems import toml_data
-from gateway.config.problems import ConfigError, Problem, place, read_sections
+from drivers.bounded_file import bytes_of
+from drivers.toml_text import TomlError, toml_data
+from gateway.config.problems import ConfigError, Problem, located, place, read_sections, spot_of
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text, text_of
 from talc.presets import completed
 
 M = TypeVar("M", bound=BaseModel)
@@ -16,18 +19,23 @@ M = TypeVar("M", bound=BaseModel)
 def read_text(path: Path) -> str:
     """The text of a file. Raises ConfigError."""
     try:
-        return path.read_text(encoding="utf-8-sig")  # editors of Windows begin a file with a byte order mark
+        text = bytes_of(path).decode("utf-8-sig")  # editors of Windows begin a file with a byte order mark
     except OSError as error:
-        raise ConfigError(path, [Problem("", f"cannot be read: {error.strerror or error}")]) from None
+        why = error.strerror or str(error)
+        raise ConfigError(path, [Problem("", Text(NoticeCode.FILE_NOT_READ, error=why))]) from None
     except UnicodeDecodeError as error:
-        raise ConfigError(
-            path, [Problem("", f"is not UTF-8 text: byte {error.start} is {error.object[error.start]:#04x}")]
-        ) from None
+        content, at = error.object, error.start
+        what = Text(NoticeCode.FILE_NOT_UTF8, at=at, byte=content[at], letter=content[at : at + 1].decode("latin-1"))
+        spot = spot_of(content.decode("latin-1"), content[:at].count(b"\n") + 1)
+        raise ConfigError(path, [Problem("", what, at=spot)]) from None
+    return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
 def read_as(kind: type[M], path: Path) -> M:
     """What a TOML file of another kind than a configuration holds. Raises ConfigError with every problem found."""
-    return read_sections(kind, read_data(path), path)
+    text = read_text(path)
+    with located(text):
+        return read_sections(kind, data_of(text, path), path)
 
 
 def read_data(path: Path) -> dict[str, object]:
@@ -39,8 +47,9 @@ def data_of(text: str, path: Path) -> dict[str, object]:
     """The data of the text, with those of the `[talc]` preset added; not checked yet. Raises ConfigError."""
     try:
         data = toml_data(text)
-    except ValueError as error:
-        raise ConfigError(path, [Problem("", f"is not valid TOML: {error}")]) from None
+    except TomlError as error:
+        spot = spot_of(text, error.line)
+        raise ConfigError(path, [Problem("", Text(NoticeCode.FILE_NOT_TOML, error=text_of(error)), at=spot)]) from None
     talc = data.get("talc")
     return {**data, "talc": completed(talc)} if isinstance(talc, dict) else data
 

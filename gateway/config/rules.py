@@ -19,6 +19,8 @@ from gateway.config.polled import BusSection
 from gateway.config.prior import PriorError, prior_for
 from gateway.config.problems import ConfigError, Problem, suggestion
 from gateway.config.telemetry_rules import telemetry_cautions, telemetry_problems
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text, text_of
 from talc.probing import check_poses
 
 _SLOPE_UM_PER_MM = 0.1
@@ -37,7 +39,7 @@ def checked(config: GatewayConfig, path: Path) -> GatewayConfig:
     try:
         prior = prior_for(config.talc, config.input_names)
     except PriorError as error:
-        problems.append(Problem("[talc] prior", str(error)))
+        problems.append(Problem("[talc] prior", text_of(error)))
     if problems or unreadable:
         raise ConfigError(path, problems or unreadable)
     return config.with_prior(prior)
@@ -54,7 +56,7 @@ def _with_own_profiles(config: GatewayConfig) -> tuple[GatewayConfig, list[Probl
         try:
             profiles[name] = user_profile(name)
         except SetupError as error:
-            unreadable.append(Problem("", str(error)))
+            unreadable.append(Problem("", text_of(error)))
     return config.with_profiles(profiles), unreadable
 
 
@@ -90,7 +92,7 @@ def cautions(config: GatewayConfig) -> list[Problem]:
             found.append(
                 Problem(
                     f"bus '{bus.name}', {field}",
-                    f"'{port}' may be another adapter after a reboot; use its name in /dev/serial/by-id",
+                    Text(NoticeCode.PORT_UNSTABLE, port=port),
                 )
             )
         shared = sum(device.bus == bus.name for device in config.devices) > 1
@@ -98,25 +100,23 @@ def cautions(config: GatewayConfig) -> list[Problem]:
             found.append(
                 Problem(
                     f"bus '{bus.name}', timeout_s",
-                    f"{bus.timeout_s:g} is longer than period_s = {bus.period_s:g}: one silent device costs "
-                    "the others a period; use half of it or less",
+                    Text(NoticeCode.TIMEOUT_LONG, timeout_s=bus.timeout_s, period_s=bus.period_s),
                 )
             )
         found += _cautions_of(f"bus '{bus.name}',", bus)
     if config.prior is not None and config.talc.method != "learner":
-        found.append(Problem("[talc] prior", f"has no effect with method = '{config.talc.method}'"))
+        found.append(Problem("[talc] prior", Text(NoticeCode.PRIOR_NO_EFFECT, method=config.talc.method)))
     if config.nc is not None:
         found += _cautions_of("[nc]", config.nc)
     if config.planned_loads and config.grid.step_s < _SHORTEST_PLANNED_S:
-        found.append(Problem("[[planned_load]]", f"has no effect with [grid] step_s below {_SHORTEST_PLANNED_S:g}"))
+        found.append(Problem("[[planned_load]]", Text(NoticeCode.PLANNED_SHORT, least_s=_SHORTEST_PLANNED_S)))
     found += _manuals_addresses(config)
     found += _following(config)
     if config.storage.path.is_relative_to("/etc"):
         found.append(
             Problem(
                 "[storage] path",
-                f"'{config.storage.path}' is in /etc, where the service of the Debian package may not write; use "
-                "/var/lib/talc-gateway/gateway.sqlite",
+                Text(NoticeCode.STORE_IN_ETC, path=str(config.storage.path)),
             )
         )
     return [*found, *telemetry_cautions(config.telemetry)]
@@ -126,7 +126,7 @@ def _cautions_of(where: str, section: BusSection | Nc) -> list[Problem]:
     try:
         return asked(section.kind, lambda: [Problem(f"{where} {field}", text) for field, text in section.cautions()])
     except SetupError as error:
-        return [Problem(where.rstrip(","), error.advice)]
+        return [Problem(where.rstrip(","), error.advice, error.field)]
 
 
 def _manuals_addresses(config: GatewayConfig) -> Iterator[Problem]:
@@ -146,10 +146,14 @@ def _following(config: GatewayConfig) -> Iterator[Problem]:
     if nc.compensation.route not in ("k0_slope", "errors"):
         yield Problem(
             "[nc.compensation] route",
-            f"'{nc.compensation.route}': the offsets follow the axes once per [nc] period_s = {nc.period_s:g} and no "
-            f"faster than [compensation] slew_um_per_s = {slew:g}. Where they change by {_SLOPE_UM_PER_MM:g} µm per "
-            f"mm, an axis faster than {slew / _SLOPE_UM_PER_MM * 60.0:.0f} mm/min outruns them, and following may be "
-            "worse than one constant offset; use 'errors' or 'k0_slope'",
+            Text(
+                NoticeCode.ROUTE_FOLLOWS_SLOWLY,
+                route=nc.compensation.route,
+                period_s=nc.period_s,
+                slew_um_per_s=slew,
+                slope=_SLOPE_UM_PER_MM,
+                speed=slew / _SLOPE_UM_PER_MM * 60.0,
+            ),
         )
 
 
@@ -157,32 +161,37 @@ def _watchdog(config: GatewayConfig) -> Iterator[Problem]:
     if config.nc is not None and config.compensation.watchdog_s < 4 * config.nc.period_s:
         yield Problem(
             "[compensation] watchdog_s",
-            f"{config.compensation.watchdog_s:g}: expected at least four times [nc] period_s = {config.nc.period_s:g}",
+            Text(NoticeCode.WATCHDOG_SHORT, watchdog_s=config.compensation.watchdog_s, period_s=config.nc.period_s),
         )
 
 
 def _repeated(section: str, names: Iterable[str]) -> Iterator[Problem]:
     for name, count in Counter(names).items():
         if count > 1:
-            yield Problem(f"{section} '{name}'", f"name is used {count} times; each {section} needs its own")
+            yield Problem(f"{section} '{name}'", Text(NoticeCode.NAME_REPEATED, count=count, section=section))
 
 
 def _inputs(config: GatewayConfig) -> Iterator[Problem]:
     if not config.devices:
-        yield Problem("[[device]]", "missing; without a device there is nothing to learn from")
+        yield Problem("[[device]]", Text(NoticeCode.NO_DEVICE))
     first: dict[str, str] = {}
     for device in config.devices:
         for name in device.channels:
             where = f"device '{device.name}', channels.{name}"
             if name in first:
-                yield Problem(where, f"duplicate channel; {first[name]} already has this name")
+                yield Problem(where, Text(NoticeCode.CHANNEL_REPEATED, first=first[name]))
             first.setdefault(name, f"device '{device.name}'")
     for state in config.states:
         if state.name in first:
-            yield Problem(f"state '{state.name}'", f"duplicate input; {first[state.name]} already has this name")
+            yield Problem(f"state '{state.name}'", Text(NoticeCode.INPUT_REPEATED, first=first[state.name]))
         first.setdefault(state.name, "another state")
+    stated = [state.name for state in config.states if state.use == "tolerance"]
+    if len(stated) > 1:
+        yield Problem(f"state '{stated[1]}', use", Text(NoticeCode.TOLERANCE_REPEATED, first=stated[0]))
+    if stated and (config.talc.method != "learner" or config.talc.learner.least_limit_um is None):
+        yield Problem(f"state '{stated[0]}', use", Text(NoticeCode.TOLERANCE_UNBOUNDED))
     if config.states and config.nc is None:
-        yield Problem("[nc]", f"missing; states ({config.states[0].name}, ...) are read from it")
+        yield Problem("[nc]", Text(NoticeCode.NC_OF_STATES, state=config.states[0].name))
 
 
 def _planned_loads(config: GatewayConfig) -> Iterator[Problem]:
@@ -192,9 +201,9 @@ def _planned_loads(config: GatewayConfig) -> Iterator[Problem]:
         for name in planned.loads:
             if name not in known:
                 where = f"planned_load '{planned.name}', loads.{name}"
-                yield Problem(where, f"not an input of this configuration; {suggestion(name, known)}")
+                yield Problem(where, Text(NoticeCode.LOAD_NO_INPUT, advice=suggestion(name, known)))
     if config.planned_loads and config.talc.method != "learner":
-        yield Problem("[[planned_load]]", 'works only with [talc] method = "learner": models make no forecast')
+        yield Problem("[[planned_load]]", Text(NoticeCode.PLANNED_NO_LEARNER))
 
 
 def _answers(config: GatewayConfig) -> Iterator[Problem]:
@@ -202,7 +211,7 @@ def _answers(config: GatewayConfig) -> Iterator[Problem]:
         try:
             bus.check_answers(config.devices_of(bus.name))
         except SetupError as error:
-            yield Problem(f"bus '{bus.name}'", error.advice)
+            yield Problem(f"bus '{bus.name}'", error.advice, error.field)
 
 
 def _places(config: GatewayConfig) -> Iterator[Problem]:
@@ -210,18 +219,15 @@ def _places(config: GatewayConfig) -> Iterator[Problem]:
     for bus in config.buses:
         port = bus.place.rpartition("://")[2].rstrip("/")  # of a device server, however it is spoken to
         if port in first:
-            yield Problem(f"bus '{bus.name}'", f"{bus.place} is already {_what_to_do(bus, first[port])}")
+            yield Problem(f"bus '{bus.name}'", _what_to_do(bus, first[port]))
         first.setdefault(port, bus)
 
 
-def _what_to_do(bus: BusSection, first: BusSection) -> str:
+def _what_to_do(bus: BusSection, first: BusSection) -> Text:
     """With a second bus at the place of the first."""
     if (bus.carries or bus.kind) == (first.carries or first.kind):
-        return f"bus '{first.name}'; put its devices there"
-    return (
-        f"bus '{first.name}' of kind '{first.kind}', and one wire carries one kind of bus; connect these devices to a "
-        "port or interface of their own, or correct the kind or the address of one of the two"
-    )
+        return Text(NoticeCode.BUS_AT_SAME_PLACE, place=bus.place, first=first.name)
+    return Text(NoticeCode.BUS_OF_OTHER_KIND, place=bus.place, first=first.name, kind=first.kind)
 
 
 def _waits(config: GatewayConfig) -> Iterator[Problem]:
@@ -229,8 +235,7 @@ def _waits(config: GatewayConfig) -> Iterator[Problem]:
         if bus.read_limit_s < bus.timeout_s:
             yield Problem(
                 f"bus '{bus.name}', read_limit_s",
-                f"{bus.read_limit_s:g}: expected at least timeout_s = {bus.timeout_s:g}, "
-                "or the bus is closed while an answer may still arrive",
+                Text(NoticeCode.READ_LIMIT_SHORT, read_limit_s=bus.read_limit_s, timeout_s=bus.timeout_s),
             )
         options = (device.options for device in config.devices_of(bus.name))
         if bus.timeout_s > 3.0 * bus.period_s and bus.timeout_is_age(options):
@@ -243,7 +248,8 @@ def _addresses(config: GatewayConfig) -> Iterator[Problem]:
     for device in config.devices:
         if device.bus not in buses:
             yield Problem(
-                f"device '{device.name}', bus", f"unknown bus '{device.bus}'; {suggestion(device.bus, buses)}"
+                f"device '{device.name}', bus",
+                Text(NoticeCode.UNKNOWN_BUS, bus=device.bus, advice=suggestion(device.bus, buses)),
             )
             continue
         bus = buses[device.bus]
@@ -253,10 +259,10 @@ def _addresses(config: GatewayConfig) -> Iterator[Problem]:
         if bus.several_per_unit:
             address += device.profile, *sorted(device.options.items())
         if address in first:
-            more = "; add the channels there, or a [[block]] to its profile" if bus.several_per_unit else ""
+            code = NoticeCode.UNIT_SHARED if bus.several_per_unit else NoticeCode.UNIT_TAKEN
             yield Problem(
                 f"device '{device.name}', unit",
-                f"{device.unit} on bus '{device.bus}' is already device '{first[address]}'{more}",
+                Text(code, unit=device.unit, bus=device.bus, first=first[address]),
             )
         first.setdefault(address, device.name)
 
@@ -266,8 +272,7 @@ def _number_of_channels(config: GatewayConfig) -> Iterator[Problem]:
     if many > _MOST_CHANNELS:
         yield Problem(
             "[[device]]",
-            f"{many} channels: expected at most {_MOST_CHANNELS} at one gateway; divide the devices among several "
-            "gateways, whose readings `talc-gateway collect` keeps together",
+            Text(NoticeCode.MANY_CHANNELS, count=many, most=_MOST_CHANNELS),
         )
 
 
@@ -275,47 +280,52 @@ def _limits(config: GatewayConfig) -> Iterator[Problem]:
     channels = {name for device in config.devices for name in device.channels}
     for name in config.limits:
         if name not in channels:
-            yield Problem(f"[limits.{name}]", f"no channel has this name; {suggestion(name, channels)}")
+            yield Problem(f"[limits.{name}]", Text(NoticeCode.LIMITS_NO_CHANNEL, advice=suggestion(name, channels)))
 
 
 def _asked_of_the_control(config: GatewayConfig) -> Iterator[Problem]:
     nc, armed, writes = config.nc, config.probing.armed, config.compensation.mode == "compensate"
     if nc is None and armed:
-        yield Problem("[probing] armed", "true, but there is no [nc] to send requests to")
+        yield Problem("[probing] armed", Text(NoticeCode.ARMED_NO_NC))
     if nc is None and writes:
-        yield Problem("[compensation] mode", "'compensate', but there is no [nc] to write to")
+        yield Problem("[compensation] mode", Text(NoticeCode.COMPENSATES_NO_NC))
     if nc is not None and nc.only_read and armed:
-        yield Problem("[probing] armed", f"true, but a control of kind '{nc.kind}' is only read")
+        yield Problem("[probing] armed", Text(NoticeCode.ARMED_ONLY_READ, kind=nc.kind))
     if nc is not None and nc.only_read and writes:
-        what = f"'compensate', but a control of kind '{nc.kind}' is only read; use 'monitor' or 'advise'"
+        what = Text(NoticeCode.COMPENSATES_ONLY_READ, kind=nc.kind)
         yield Problem("[compensation] mode", what)
 
 
 def _control(config: GatewayConfig) -> Iterator[Problem]:
     step_s = config.grid.step_s
     if config.probing.armed and config.probing.lead_s > step_s:  # nobody else asks for a cycle
-        yield Problem("[probing] lead_s", f"{config.probing.lead_s:g}: expected at most the grid step, {step_s:g}")
+        yield Problem("[probing] lead_s", Text(NoticeCode.BEYOND_STEP, value=config.probing.lead_s, step_s=step_s))
     if config.probing.insist_after_s < config.probing.prefer_idle_s:
         yield Problem(
             "[probing] insist_after_s",
-            f"{config.probing.insist_after_s:g}: expected at least prefer_idle_s = {config.probing.prefer_idle_s:g}",
+            Text(
+                NoticeCode.INSIST_EARLY, insist_s=config.probing.insist_after_s, prefer_s=config.probing.prefer_idle_s
+            ),
         )
     if config.nc is not None and config.compensation.stale_after_s <= step_s:
         yield Problem(
             "[compensation] stale_after_s",
-            f"{config.compensation.stale_after_s:g}: expected more than the grid step, {step_s:g}, "
-            "otherwise every prediction is stale before the next one",
+            Text(NoticeCode.STALE_EARLY, stale_s=config.compensation.stale_after_s, step_s=step_s),
         )
     for bus in config.buses:
         if bus.period_s > step_s:
             yield Problem(
-                f"bus '{bus.name}', period_s", f"{bus.period_s:g}: expected at most the grid step, {step_s:g}"
+                f"bus '{bus.name}', period_s", Text(NoticeCode.BEYOND_STEP, value=bus.period_s, step_s=step_s)
             )
 
 
 def _poses(config: GatewayConfig) -> Iterator[Problem]:
     """A pose set may leave some errors undetermined: A = 0 alone finds 7 of 9."""
     probing = config.probing
+    largest = np.abs(probing.poses_deg).max()
+    if 0.0 < largest <= 2.0 * np.pi:
+        yield Problem("[probing] poses_deg", Text(NoticeCode.POSES_IN_RADIANS, largest=float(largest)))
+        return
     poses = np.deg2rad(np.asarray(probing.poses_deg, dtype=float))
     try:
         check_poses(poses, probing.sphere_radius_mm * 1e-3, probing.sphere_height_mm * 1e-3)
@@ -339,7 +349,7 @@ def _nc(config: GatewayConfig) -> Iterator[Problem]:
     try:
         known = asked(nc.kind, lambda: tuple(nc.known_states()))
     except SetupError as error:
-        yield Problem("[nc]", error.advice)
+        yield Problem("[nc]", error.advice, error.field)
         return
     channels = {name for device in config.devices for name in device.channels}
     names = [state.name for state in config.states]
@@ -347,15 +357,15 @@ def _nc(config: GatewayConfig) -> Iterator[Problem]:
         if name not in known and name not in channels:
             yield Problem(
                 f"state '{name}'",
-                f"not every control provides it; {suggestion(name, known)}{nc.other_states(name)}",
+                Text(NoticeCode.UNKNOWN_STATE, advice=suggestion(name, known), other=nc.other_states(name)),
             )
     try:
         nc.settings(config.probing.poses_deg, (name for name in names if name in known))
     except SetupError as error:
-        yield Problem("[nc]", error.advice)
+        yield Problem("[nc]", error.advice, error.field)
     largest, bound = nc.largest_um, max(config.compensation.bound_um)
     if bound > largest:
         yield Problem(
             "[compensation] bound_um",
-            f"{bound:g}: expected at most {nc.largest_is} = {largest:g}, the largest offset that is ever sent",
+            Text(NoticeCode.BOUND_BEYOND_LARGEST, bound=bound, name=nc.largest_is, largest=largest),
         )

@@ -2,13 +2,16 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from datetime import date
 from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
-from drivers.section import FilePath, NotNegative, Positive, Section, beside_the_file
+from drivers.section import FilePath, NotNegative, Positive, Section, beside_the_file, wrong
 from gateway.config.fields import LARGEST_BOUND_UM, MOST_POSES, Name, ProfileName
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 from talc.settings import TalcSettings
 
 
@@ -78,10 +81,13 @@ class Device(Section):
 
 
 class State(Section):
-    """One machine state, read from the NC, that models may use as an input."""
+    """One machine state, read from the NC: an input of the models, or the stated tolerance."""
 
     name: Name
     """Name under which the NC driver reports it."""
+    use: Literal["input", "tolerance"] = "input"
+    """`input`: models may use it. `tolerance`: it is the tolerance that the part program states for what it machines
+    next, µm, which `[talc.learner] limit_um` follows; 0: none. It is no input."""
 
 
 class PlannedLoad(Section):
@@ -100,8 +106,21 @@ class PlannedLoad(Section):
     @classmethod
     def _some(cls, loads: Mapping[str, float]) -> Mapping[str, float]:
         if not loads:
-            raise ValueError("expected at least one load, such as {spindle_speed = 6000.0}")
+            raise ValueError(Text(NoticeCode.NO_LOAD))
         return loads
+
+
+class Instrument(Section):
+    """What the measurements stand on, for the report's reader: the machine, the touch probe, the sphere, sensors."""
+
+    what: Annotated[str, Field(min_length=1, max_length=60)]
+    """Such as `touch probe`, or names of channels."""
+    serial: Annotated[str, Field(min_length=1, max_length=60)]
+    """Its serial number, as it is written on it."""
+    calibrated: date | None = None
+    """When it was calibrated last."""
+    due: date | None = None
+    """When it is to be calibrated again."""
 
 
 class Limits(Section):
@@ -123,7 +142,7 @@ class Limits(Section):
     @model_validator(mode="after")
     def _in_order(self) -> "Limits":
         if self.min is not None and self.max is not None and self.min >= self.max:
-            raise ValueError(f"min = {self.min:g}, max = {self.max:g}: expected min below max")
+            raise wrong(Text(NoticeCode.LIMITS_REVERSED, min=self.min, max=self.max), "min")
         return self
 
 
@@ -195,7 +214,7 @@ class Compensation(Section):
     mode: Literal["monitor", "advise", "compensate"] = "monitor"
     """`monitor` computes and stores, `advise` also publishes, `compensate` also writes to the NC."""
     bound_um: tuple[Bound, Bound, Bound] = (50.0, 50.0, 50.0)
-    """Largest offset in X, Y, Z."""
+    """Largest offset in X, Y, Z; an axis that needs more is corrected by this much (docs/arming.md)."""
     slew_um_per_s: Positive = 1.0
     """Fastest change of an offset."""
     stale_after_s: Positive = 900.0

@@ -8,9 +8,23 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field, model_validator
 
 from drivers.bus_settings import is_loopback
-from drivers.section import FilePath, NotEmpty, Section, both_or_neither, host_and_port, matching, user_and_password
+from drivers.section import (
+    FilePath,
+    NotEmpty,
+    Section,
+    both_or_neither,
+    host_and_port,
+    host_name,
+    matching,
+    user_and_password,
+    without_brackets,
+    wrong,
+)
+from drivers.text import shown
 from gateway.config.fields import DEFAULT_PREFIX, LOOPBACK, KeyPrefix
+from gateway.model.codes import NoticeCode
 from gateway.model.commands import CommandName
+from gateway.model.text import Text
 
 _PROTOCOLS = ("tcp", "tls", "quic", "udp", "ws")
 _ENCRYPTED = ("tls", "quic")
@@ -59,8 +73,9 @@ def endpoint(text: str) -> EndpointParts:
         return EndpointParts(text, "unixsock-stream", "", 0)
     found = _ENDPOINT.fullmatch(text)
     if found is None or found["protocol"] not in _PROTOCOLS or not 1 <= int(found["port"]) <= 0xFFFF:
-        raise ValueError(f"{text!r}: expected PROTOCOL/HOST:PORT such as {LOOPBACK} or tls/0.0.0.0:7447")
-    return EndpointParts(text, found["protocol"], found["host"].removeprefix("[").removesuffix("]"), int(found["port"]))
+        raise ValueError(Text(NoticeCode.ENDPOINT_FORM, value=shown(text), such=LOOPBACK))
+    host = host_name(without_brackets(found["host"]))
+    return EndpointParts(text, found["protocol"], host, int(found["port"]))
 
 
 def _valid(text: str) -> str:
@@ -91,14 +106,14 @@ class TelemetryTls(Section):
     def _together(self) -> "TelemetryTls":
         both_or_neither("certificate", self.certificate, "key", self.key)
         if self.mutual and (self.authority is None or self.certificate is None):
-            raise ValueError("mutual = true: expected certificate, key and authority too")
+            raise wrong(Text(NoticeCode.MUTUAL_ALONE), "mutual")
         return self
 
 
 class Operator(Section):
     """Somebody who may give commands (docs/commands.md). Without such a table the gateway accepts no commands."""
 
-    name: Annotated[str, matching(r"[A-Za-z0-9._@-]{1,64}", "up to 64 letters, digits and . _ @ -")]
+    name: Annotated[str, matching(r"[A-Za-z0-9._@-]{1,64}", NoticeCode.AN_OPERATOR_NAME)]
     """Name of the person; every command is stored with it."""
     key_file: FilePath
     """File with the key that proves who gives a command: 32 characters or more, known only to the gateway and the

@@ -6,10 +6,14 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
+from drivers.bounded_file import bytes_of
 from drivers.credential_files import ENDS_SOON, secret_cautions
+from drivers.error_words import in_words
 from drivers.signature import shared_key
 from gateway.config.problems import Problem
 from gateway.config.telemetry import Telemetry, TelemetryTls
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text, text_of
 
 if TYPE_CHECKING:
     from cryptography import x509
@@ -24,26 +28,30 @@ def telemetry_problems(telemetry: Telemetry) -> Iterator[Problem]:
     tls = telemetry.tls
     for place in telemetry.listening:
         if place.encrypted and tls.certificate is None:
-            yield Problem("[telemetry] listen", f"'{place.text}' needs [telemetry.tls] certificate and key")
+            yield Problem("[telemetry] listen", Text(NoticeCode.LISTEN_NO_CERTIFICATE, place=place.text))
         if not (place.encrypted or place.local or telemetry.allow_unencrypted):
             yield Problem(
                 "[telemetry] listen",
-                f"'{place.text}' can be reached and read by everyone in that network: expected tls/… with"
-                " [telemetry.tls], or a loopback address, or allow_unencrypted = true to keep it as it is",
+                Text(NoticeCode.LISTEN_UNENCRYPTED, place=place.text),
             )
     for place in telemetry.connecting:
         if place.encrypted and tls.authority is None:
-            yield Problem("[telemetry] connect", f"'{place.text}' needs [telemetry.tls] authority")
+            yield Problem("[telemetry] connect", Text(NoticeCode.CONNECT_NO_AUTHORITY, place=place.text))
+    if telemetry.mode == "client" and not (telemetry.connect or telemetry.multicast):
+        yield Problem(
+            "[telemetry] mode",
+            Text(NoticeCode.CLIENT_NO_ROUTER),
+        )
     yield from _operator_problems(telemetry)
     if telemetry.readers and not (tls.mutual or telemetry.users_file):
         yield Problem(
             "[telemetry] readers",
-            "needs clients with names: expected [telemetry.tls] mutual = true or users_file",
+            Text(NoticeCode.READERS_NO_NAMES),
         )
     if telemetry.readers and telemetry.connect:
         yield Problem(
             "[telemetry] readers",
-            "does not limit who reads from the router of `connect`; set the rules on that router",
+            Text(NoticeCode.READERS_OF_ROUTER),
         )
 
 
@@ -61,7 +69,7 @@ def credential_problems(telemetry: Telemetry, now: datetime) -> Iterator[Problem
         yield from _dates("[telemetry.tls] authority", tls.authority, authority, now)
     password = yield from _read("[telemetry] password_file", telemetry.password_file, _file_text)
     if password is not None and not password.strip():
-        yield Problem("[telemetry] password_file", f"'{telemetry.password_file}' is empty")
+        yield Problem("[telemetry] password_file", Text(NoticeCode.PASSWORD_EMPTY, path=str(telemetry.password_file)))
     yield from _users_problems(telemetry)
     for operator in telemetry.operators:
         yield from _read(f"[[telemetry.operator]] '{operator.name}', key_file", operator.key_file, shared_key)
@@ -73,14 +81,12 @@ def telemetry_cautions(telemetry: Telemetry) -> Iterator[Problem]:
         return
     for place in telemetry.connecting:
         if not (place.encrypted or place.local):
-            yield Problem("[telemetry] connect", f"'{place.text}' is reached without encryption; use tls/…")
+            yield Problem("[telemetry] connect", Text(NoticeCode.CONNECT_UNENCRYPTED, place=place.text))
     if telemetry.multicast:
-        yield Problem("[telemetry] multicast", "true: connects to anyone who answers in this network; use connect")
+        yield Problem("[telemetry] multicast", Text(NoticeCode.MULTICAST_ANYONE))
     for place in telemetry.listening:
         if telemetry.users_file and not (place.encrypted or place.local):
-            yield Problem(
-                "[telemetry] users_file", f"the data that users of '{place.text}' read are not encrypted; use tls/…"
-            )
+            yield Problem("[telemetry] users_file", Text(NoticeCode.USERS_UNENCRYPTED, place=place.text))
     for field, path in (
         ("[telemetry.tls] key", telemetry.tls.key),
         ("[telemetry] password_file", telemetry.password_file),
@@ -96,7 +102,7 @@ def telemetry_cautions(telemetry: Telemetry) -> Iterator[Problem]:
 def _operator_problems(telemetry: Telemetry) -> Iterator[Problem]:
     for name, many in Counter(operator.name for operator in telemetry.operators).items():
         if many > 1:
-            yield Problem("[[telemetry.operator]] name", f"'{name}' is used {many} times; expected different names")
+            yield Problem("[[telemetry.operator]] name", Text(NoticeCode.OPERATOR_REPEATED, name=name, count=many))
 
 
 def _ends_soon(name: str, path: Path | None) -> Iterator[Problem]:
@@ -107,7 +113,9 @@ def _ends_soon(name: str, path: Path | None) -> Iterator[Problem]:
     now = datetime.now(UTC)
     for ends in sorted(each.not_valid_after_utc for each in found)[:1]:
         if timedelta() < ends - now < ENDS_SOON:
-            yield Problem(f"[telemetry.tls] {name}", f"'{path}' expires on {ends:%Y-%m-%d}; renew it before then")
+            yield Problem(
+                f"[telemetry.tls] {name}", Text(NoticeCode.EXPIRES_SOON, path=str(path), day=f"{ends:%Y-%m-%d}")
+            )
 
 
 def _read(field: str, path: Path | None, reader: Callable[[Path], T]) -> Generator[Problem, None, T | None]:
@@ -117,14 +125,14 @@ def _read(field: str, path: Path | None, reader: Callable[[Path], T]) -> Generat
     try:
         return reader(path)
     except OSError as error:
-        yield Problem(field, f"'{path}' cannot be read: {error.strerror}")
+        yield Problem(field, Text("path_unreadable", path=str(path), why=in_words(error)))
     except ValueError as error:
-        yield Problem(field, f"'{path}': {error}")
+        yield Problem(field, Text(NoticeCode.FILE_WRONG, path=str(path), why=text_of(error)))
     return None
 
 
 def _file_text(path: Path) -> str:
-    return path.read_text(encoding="utf-8")
+    return bytes_of(path).decode()
 
 
 def _certificates(path: Path) -> "list[x509.Certificate]":
@@ -142,11 +150,9 @@ def _public_key(path: Path) -> bytes:
 def _dates(field: str, path: Path | None, certificate: "x509.Certificate", now: datetime) -> Iterator[Problem]:
     begins, ends = certificate.not_valid_before_utc, certificate.not_valid_after_utc
     if now > ends:
-        yield Problem(field, f"'{path}' has expired on {ends:%Y-%m-%d %H:%M} UTC; make a new one")
+        yield Problem(field, Text(NoticeCode.EXPIRED, path=str(path), at=ends))
     elif now < begins:
-        yield Problem(
-            field, f"'{path}' is not valid before {begins:%Y-%m-%d %H:%M} UTC; is this computer's clock right?"
-        )
+        yield Problem(field, Text(NoticeCode.NOT_YET_VALID, path=str(path), at=begins))
 
 
 def _key_problems(tls: TelemetryTls, certificate: "x509.Certificate | None") -> Iterator[Problem]:
@@ -156,7 +162,9 @@ def _key_problems(tls: TelemetryTls, certificate: "x509.Certificate | None") -> 
     from gateway.config.pem import der
 
     if public != der(certificate.public_key()):
-        yield Problem("[telemetry.tls] key", f"'{tls.key}' does not belong to the certificate '{tls.certificate}'")
+        yield Problem(
+            "[telemetry.tls] key", Text(NoticeCode.KEY_OF_OTHER, key=str(tls.key), certificate=str(tls.certificate))
+        )
 
 
 def _users_problems(telemetry: Telemetry) -> Iterator[Problem]:
@@ -166,12 +174,12 @@ def _users_problems(telemetry: Telemetry) -> Iterator[Problem]:
         return
     lines = [(number, line) for number, line in enumerate(text.splitlines(), start=1) if line.strip()]
     if not lines:
-        yield Problem(field, f"'{path}' is empty: nobody could connect")
+        yield Problem(field, Text(NoticeCode.USERS_EMPTY, path=str(path)))
     for number, line in lines:
         user, _, password = line.partition(":")
         if not (user.strip() and password.strip()):
-            yield Problem(field, f"'{path}', line {number}: expected user:password")
+            yield Problem(field, Text(NoticeCode.USERS_LINE, path=str(path), line=number))
         elif not line.strip().isprintable():  # a byte order mark, say: nobody would type this name
             yield Problem(
-                field, f"'{path}', line {number}: {line.strip()!r} contains an invisible character; type it again"
+                field, Text(NoticeCode.USERS_INVISIBLE, path=str(path), line=number, value=repr(line.strip()))
             )

@@ -121,10 +121,12 @@ class GridSampler:
     ----------
     input_names: order of the frame's inputs
     step_s: grid step, s; older readings are dropped when a frame comes late
+    tolerance_state: the machine state that is the stated tolerance; None: none is
     """
 
-    def __init__(self, input_names: Sequence[str], step_s: float) -> None:
-        self._step = step_s
+    def __init__(self, input_names: Sequence[str], step_s: float, tolerance_state: str | None = None) -> None:
+        self._step, self._tolerance_state = step_s, tolerance_state
+        self._tolerance_um: float | None = None
         self._index = {name: position for position, name in enumerate(input_names)}
         if len(self._index) != len(input_names):
             raise ValueError(f"input_names = {tuple(input_names)!r}: a name occurs twice")
@@ -144,6 +146,7 @@ class GridSampler:
 
     def add_states(self, states: Mapping[str, float], monotonic_s: float) -> None:
         """Take machine states read from the NC at `monotonic_s`; states that are not inputs are ignored."""
+        self._tolerance_um = states.get(self._tolerance_state or "", self._tolerance_um)
         for name, value in states.items():
             position = self._index.get(name)
             if position is not None and math.isfinite(value):
@@ -160,12 +163,20 @@ class GridSampler:
         whole, of_step = self._means(now_s - self._step)
         return np.where(count > _FEWEST * of_step, recent, whole), of_step > 0
 
-    def frame(self, instant: Instant, measurement: Measurement | None = None, *, pause_unknown: bool = False) -> Frame:
-        """The frame of the step that ends at `instant`. Later readings stay for the next one."""
+    def frame(
+        self,
+        instant: Instant,
+        measurement: Measurement | None = None,
+        *,
+        pause_unknown: bool = False,
+        new_reference: bool = False,
+    ) -> Frame:
+        """The frame of the step that ends at `instant`, with the latest stated tolerance. Later readings stay for the
+        next one."""
         since_s = self._add_up(instant.monotonic_s)
         self._framed_s = instant.monotonic_s
         inputs, count = self._means(since_s)
-        return Frame(instant.k, inputs, count > 0, measurement, pause_unknown)
+        return Frame(instant.k, inputs, count > 0, measurement, pause_unknown, new_reference, self._tolerance_um)
 
     def _add_up(self, until_s: float) -> float:
         """Make one part of the readings of this step. Returns the time after which they were read: older ones are

@@ -12,13 +12,15 @@ from typing import Protocol
 from gateway.control.grid import GridSampler, Instant, Schedule
 from gateway.control.measuring import Measuring
 from gateway.control.trainer import Trainings
+from gateway.model.codes import NoticeCode
 from gateway.model.events import DecisionMade, EventReported, FrameMade, Sink
 from gateway.model.step_time import StepTime
+from gateway.model.text import Text
 from gateway.model.wording import worded
 from gateway.runtime.ages import Ages
 from gateway.runtime.clocks import ServiceClock
 from talc.control import Controller
-from talc.frame import Decision, FloatArray, Frame
+from talc.frame import Decision, FloatArray, Frame, Why
 
 log = logging.getLogger(__name__)
 
@@ -78,7 +80,7 @@ class GridLoop:
                 while True:
                     instant = self._schedule.next(self._clock.utc(), self._clock.monotonic(), known=self._ages.known)
                     if instant.clock_moved_s:
-                        log.warning("the clock was set by %+.0f s; the grid follows", instant.clock_moved_s)
+                        log.warning("%s", Text(NoticeCode.CLOCK_SET, by_s=instant.clock_moved_s))
                     self._trainings.begin(tasks)
                     self._measuring.begin(tasks, instant.monotonic_s)
                     await self._wait(instant.monotonic_s)
@@ -112,7 +114,13 @@ class GridLoop:
 
     def _step(self, instant: Instant) -> None:
         unknown = self._last_k < 0 and math.isinf(self._ages.pause_s)
-        frame = self._sampler.frame(instant, self._measuring.take(), pause_unknown=unknown)
+        done = self._measuring.take()
+        frame = self._sampler.frame(
+            instant,
+            None if done is None else done.measurement,
+            pause_unknown=unknown,
+            new_reference=done is not None and done.why is Why.REFERENCE,
+        )
         decision = self._controller.step(frame)
         self._last_k, self._stepped_s = frame.k, instant.monotonic_s
         self._sink(FrameMade(frame, self._moment(instant)))

@@ -4,15 +4,17 @@ import asyncio
 import logging
 
 from gateway.config.sections import Probing
+from gateway.model.codes import NoticeCode
 from gateway.model.events import EventReported, MeasurementEnded, OutlookChanged, Sink
 from gateway.model.probing import End, Outcome, Outlook
 from gateway.model.standing import Standing
+from gateway.model.text import Text
 from gateway.model.wording import event_of
 from gateway.nc.link import NcLink
 from gateway.nc.probing.schedule import Bulletin, ProbingSchedule, excess
 from gateway.runtime.clocks import ServiceClock
 from gateway.runtime.periodic import Periodic
-from talc.frame import Decision, EventKind, Measurement, Why
+from talc.frame import Decision, EventKind, Why
 
 log = logging.getLogger(__name__)
 
@@ -27,6 +29,7 @@ class Measuring:
     probing: `lead_s` and `poll_s` are used
     sink: receives outlooks, outcomes and events
     wanted: what an earlier run still wanted
+    anew: whether it wanted a new reference
     """
 
     def __init__(
@@ -37,12 +40,17 @@ class Measuring:
         clock: ServiceClock,
         sink: Sink,
         wanted: Why | None = None,
+        *,
+        anew: bool = False,
     ) -> None:
         self._link, self._plan, self._probing, self._clock, self._sink = link, plan, probing, clock, sink
         self._plan.want(wanted, clock.monotonic())
+        if anew:
+            self._plan.renew(clock.monotonic())
         self._bulletin, self._outlook = Bulletin(), Outlook(Standing.NOT_WANTED, None)
         self._task: asyncio.Task[None] | None = None
-        self._finished: Measurement | None = None
+        self._finished: Outcome | None = None
+        """One with a measurement that no frame has yet."""
         self._k = -1
         self._present: tuple[asyncio.TaskGroup, float] | None = None
         """Tasks and end of the present step; None: none has begun."""
@@ -81,12 +89,31 @@ class Measuring:
         self._tell(outlook)
         return outlook
 
+    def renew_reference(self, by: str) -> bool:
+        """A person wants a new reference: what was measured and is in no frame yet counts no more. The new one is
+        measured as soon as no program runs.
+
+        Returns whether there was one to drop.
+        """
+        if self._link is None:
+            return False
+        dropped = self._link.drop_reference(Text(NoticeCode.REFERENCE_DROPPED, by=by))
+        if dropped is None:
+            return False
+        self._finished = None
+        self._plan.renew(self._clock.monotonic())
+        self._sink(MeasurementEnded(dropped))
+        if self._present is not None:
+            self.begin(*self._present)
+        self._tell(self._look(self._link))
+        return True
+
     def _look(self, link: NcLink | None) -> Outlook:
         now_s = self._clock.monotonic()
         return self._plan.look(None, now_s) if link is None else self._plan.look(link.present, now_s, link.barrier)
 
-    def take(self) -> Measurement | None:
-        """The result that has not been taken yet."""
+    def take(self) -> Outcome | None:
+        """The outcome with a measurement that has not been taken yet."""
         finished, self._finished = self._finished, None
         return finished
 
@@ -110,9 +137,9 @@ class Measuring:
         outcome: Outcome = await link.measure(why)
         self._sink(MeasurementEnded(outcome))
         if outcome.end is End.REJECTED:
-            log.warning("measurement rejected: %s", outcome.reason)
+            log.warning("%s", Text(NoticeCode.MEASUREMENT_NOT_TAKEN, why=outcome.reason))
             self._sink(EventReported(event_of(EventKind.MEASUREMENT_REJECTED, outcome.reason), self._k))
-        self._finished = outcome.measurement
+        self._finished = None if outcome.measurement is None else outcome
         self._tell(self._plan.ended(outcome.end, outcome.reason, self._clock.monotonic()))
 
     def _tell(self, outlook: Outlook) -> None:

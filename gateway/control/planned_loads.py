@@ -5,6 +5,8 @@ import logging
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
+import numpy as np
+
 from gateway.control.last_rows import LastRows
 from gateway.model.codes import NoticeCode
 from gateway.model.text import Text
@@ -18,6 +20,8 @@ from talc.steps import DAY_S, steps_in
 log = logging.getLogger(__name__)
 
 _SUBJECT = "planned loads"
+_SPINDLE: Final = "spindle"
+"""In the names of its loads."""
 
 _MEMORY_S: Final = 14.0 * DAY_S
 _MOST_ROWS: Final = 40_320
@@ -38,7 +42,8 @@ class PlannedLoads:
     ----------
     input_names: order of a frame's inputs
     step_s: of the grid
-    planned: by name, loads and their values in their own units; without any it does nothing
+    planned: by name, loads and their values in their own units; without any, and without a state of the spindle, it
+        does nothing
     is_load: whether an input is a load that heats
     clock: stands still while it learns
     before: frames of an earlier run
@@ -54,6 +59,7 @@ class PlannedLoads:
         before: Frames | None = None,
     ) -> None:
         self._names, self._planned, self._is_load, self._clock = tuple(input_names), dict(planned), is_load, clock
+        self._learns = bool(planned) or any(_SPINDLE in name and is_load(name) for name in self._names)
         self._step_s = step_s
         self._learn_every, self._learn_first = steps_in(_LEARN_EVERY_S, step_s), steps_in(_LEARN_FIRST_S, step_s)
         self._rows = LastRows(len(self._names), rows_remembered(step_s))
@@ -62,13 +68,13 @@ class PlannedLoads:
         self._response: LoadResponse | None = None
         self._due = asyncio.Event()
         self._problems = Problems(clock, _LEARN_EVERY_S, lambda _: None, log)
-        if before is not None and self._planned:
+        if before is not None and self._learns:
             for k, inputs, valid in zip(before.k.tolist(), before.inputs, before.valid, strict=True):
                 self._append(k, inputs, valid)
 
     def follow(self, frame: Frame, _: Decision | None = None) -> None:
         """Take a frame; returns at once."""
-        if not self._planned:
+        if not self._learns:
             return
         self._append(frame.k, frame.inputs, frame.valid)
         if len(self._rows) >= self._learn_first and (
@@ -108,6 +114,30 @@ class PlannedLoads:
         return {
             name: response.changes(self._names, inputs, valid, loads, steps) for name, loads in self._planned.items()
         }
+
+    def during(self, loads: Mapping[str, float], lasting: int, steps: int) -> FloatArray | None:
+        """(steps, n) the same for loads that run for `lasting` steps, and are then again as they are now."""
+        inputs, valid = self._rows.part(slice(-steps_in(HISTORY_S, self._step_s), None))
+        if self._response is None or not len(inputs):
+            return None
+        return self._response.changes(self._names, inputs, valid, loads, steps, lasting)
+
+    def of(self, planned: str) -> dict[str, float]:
+        """The loads of a planned load, by its name. Without a name, those of the spindle as they usually run: the
+        median of what they were while they ran. Raises ValueError naming what there is."""
+        if planned:
+            if planned not in self._planned:
+                there = ", ".join(self._planned) or "none is configured"
+                raise ValueError(f"load = {planned!r}: expected the name of a planned load ({there})")
+            return dict(self._planned[planned])
+        inputs, valid = self._rows.part(slice(None))
+        found = {}
+        for i, name in enumerate(self._names):
+            if _SPINDLE in name and self._is_load(name):
+                size = np.abs(inputs[valid[:, i], i])
+                if (runs := size[size > 0.0]).size:
+                    found[name] = float(np.median(runs))
+        return found
 
     def _append(self, k: int, inputs: FloatArray, valid: BoolArray) -> None:
         if self._last_k is not None:

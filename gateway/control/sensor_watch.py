@@ -217,7 +217,7 @@ class SensorWatch:
         self._quiet = 0 if findings else self._quiet + 1
         if self._suspect_since_k is not None and self._quiet >= window and not self._findings:
             self._suspect_since_k = None
-            log.warning("sensors: all agree again")
+            log.warning("%s", Text(NoticeCode.SENSORS_AGREE))
             self._report(event_of(EventKind.SENSORS_AGREE, Text(NoticeCode.SENSORS_AGREE)), k)
 
     def _tell(self, finding: Finding, k: int) -> None:

@@ -3,6 +3,7 @@
 import asyncio
 import os
 import socket
+from pathlib import Path
 from typing import Any, Literal
 
 import click
@@ -11,6 +12,7 @@ from rich.console import Console
 from gateway.commissioning.dry_run import dry_run
 from gateway.demo.demo_machine import STEPS_PER_HOUR, Demo, on_emulated_machine
 from gateway.demo.demo_page import PAGE_LOG, demo_page
+from gateway.demo.demo_replay import run_replay
 from gateway.listeners.watch.view import LiveView, ViewState, feeding
 from gateway.model.text import Language, language_wanted
 from gateway.runtime.signals import stop_on_signals
@@ -60,6 +62,13 @@ def run_demo(demo: Demo) -> None:
     reader = Reader(language=said.code)
     write(demo.folder / "gateway.sqlite", demo.folder / "report.html", demo.folder / "truth.csv", reader)
     console.print(said("demo.replay", file=str(demo.folder / "gateway.sqlite")))
+    console.print(said("demo.look", page=(demo.folder / "report.html").resolve().as_uri()), soft_wrap=True)
+
+
+def replay_demo(folder: Path, port: int) -> None:
+    """Play its days again for its page. Raises StoreError when there is none in this folder."""
+    _check_port(port)
+    run_replay(folder, port, _USE)
 
 
 async def _run(demo: Demo, console: Console, said: Language) -> None:

@@ -19,10 +19,11 @@ import numpy as np
 from rich.table import Table
 
 from drivers.agent.control import AgentControl
-from drivers.base import DriverError
+from drivers.base import DriverError, Refused
 from drivers.linuxcnc.settings import LinuxCncSettings
 from gateway.config.extended import validate
 from gateway.config.model import GatewayConfig
+from gateway.model.notice import Notify
 from gateway.model.probing import End, Outcome
 from gateway.model.text import Language, language_wanted
 from gateway.nc.link import NcLink
@@ -89,7 +90,11 @@ class Shown:
 def run_linuxcnc_demo(folder: Path) -> None:
     """Run it and print the result. Raises DriverError when LinuxCNC is not available here."""
     console, said = terminal(), Language(language_wanted(os.environ))
-    shown = asyncio.run(show(folder, lambda line: console.print(line, highlight=False), said))
+
+    def say(line: str) -> None:
+        console.print(line, highlight=False)
+
+    shown = asyncio.run(show(folder, say, said, lambda notice: say(said.of(notice.text))))
     heads = (said(f"demo.{name}") for name in ("error", "unit", "true", "measured", "difference"))
     table = Table(*heads, title=said("demo.errors"))
     for name, true, found in zip(THERMAL_ERRORS, shown.true, shown.measured.errors, strict=True):
@@ -112,8 +117,11 @@ def silence(silent_um: FloatArray) -> tuple[float, float]:
     return float(times[~moved][-1]), float(times[zero][0]) if zero.any() else math.inf
 
 
-async def show(folder: Path, say: Announce, said: Language) -> Shown:
-    """The whole scene. folder: emptied. Raises DriverError when LinuxCNC is not available here or a cycle fails."""
+async def show(folder: Path, say: Announce, said: Language, notify: Notify) -> Shown:
+    """The whole scene. folder: emptied. notify: called with problems of the control.
+
+    Raises DriverError when LinuxCNC is not available here or a cycle fails.
+    """
     if (problem := missing()) is not None:
         raise DriverError(problem)
     shutil.rmtree(folder, ignore_errors=True)
@@ -126,21 +134,23 @@ async def show(folder: Path, say: Announce, said: Language) -> Shown:
             await operator.ask("switch_on")
             await operator.ask("home")
             await operator.ask("hal", "setp", "talc.may-start", "1")
-            return await _scene(operator, folder / "talc.key", listener.getsockname()[1], say, said)
+            return await _scene(operator, folder / "talc.key", listener.getsockname()[1], say, said, notify)
 
 
-async def _scene(operator: LinuxCncMachine, key_file: Path, port: int, say: Announce, said: Language) -> Shown:
+async def _scene(
+    operator: LinuxCncMachine, key_file: Path, port: int, say: Announce, said: Language, notify: Notify
+) -> Shown:
     clock = RealClock()
     nc = AgentControl(LinuxCncSettings(key_file=key_file, port=port, timeout_s=5.0), clock)
     config = _config(key_file, port)
     probing = config.probing
-    told = Listeners(notify=lambda notice: say(said.of(notice.text)))
     try:
         await nc.connect()
+        await _stands_no_longer_still(nc)
         say(said("demo.dry", mm=_DRY_RUN_MM))
         await _run_dry(nc, config, clock)
         earlier = Earlier(first_number=_DRY_RUN + 1, paths=frozenset({nc.path_mark}))
-        link = NcLink(nc, clock, LinkSettings.of(config, Identity()), earlier, told)
+        link = NcLink(nc, clock, LinkSettings.of(config, Identity()), earlier, Listeners(notify=notify))
         async with _running(link):
             say(said("demo.reference"))
             reference = (await _measured(link)).centres_mm
@@ -166,6 +176,20 @@ async def _scene(operator: LinuxCncMachine, key_file: Path, port: int, say: Anno
         after_um=(again - reference) * 1e3,
         silent_um=silent,
     )
+
+
+async def _stands_no_longer_still(nc: AgentControl) -> None:
+    """As LinuxCNC may on a computer with other work, after its start too. Raises Refused if it goes on doing so."""
+    until = time.monotonic() + _REFUSED_LIMIT_S
+    while True:
+        try:
+            await nc.snapshot()
+        except Refused:
+            if time.monotonic() >= until:
+                raise
+            await asyncio.sleep(_POLL_S)
+        else:
+            return
 
 
 async def _run_dry(nc: AgentControl, config: GatewayConfig, clock: RealClock) -> None:

@@ -1,7 +1,6 @@
 """The codes of what the gateway says; those of the controller's events are in talc.kinds, the sentences in `texts/`."""
 
 from enum import StrEnum
-from typing import Final
 
 
 class NoticeCode(StrEnum):
@@ -72,6 +71,7 @@ class NoticeCode(StrEnum):
     MEASUREMENT_WAITED = "measurement_waited"
     CLEAN_SPHERE = "clean_sphere"
     COMMAND_NOT_POSSIBLE = "command_not_possible"
+    CYCLE_OF_FORMER_REFERENCE = "cycle_of_former_reference"
     PROBING_BLOCKED = "probing_blocked"
     PROBING_FREE = "probing_free"
     PROBING_MOOT = "probing_moot"
@@ -143,6 +143,7 @@ class NoticeCode(StrEnum):
     ROWS_REFUSED = "rows_refused"
     STORE_MENDED = "store_mended"
     STORE_MENDED_LOST = "store_mended_lost"
+    STORE_FROM_COPY = "store_from_copy"
     STORE_BEGUN = "store_begun"
     STORE_BEGUN_LOST = "store_begun_lost"
     STORE_DELETED = "store_deleted"
@@ -198,6 +199,9 @@ class NoticeCode(StrEnum):
     MEASUREMENT_UNDER_WAY = "measurement_under_way"
     MEASUREMENT_WHEN_FREE = "measurement_when_free"
     MEASUREMENT_IN_STEP = "measurement_in_step"
+    REFERENCE_DROPPED = "reference_dropped"
+    REFERENCE_WHEN_IDLE = "reference_when_idle"
+    REFERENCE_AWAITED = "reference_awaited"
     PAUSED_ALREADY = "paused_already"
     PAUSED_NOW = "paused_now"
     NOT_PAUSED = "not_paused"
@@ -230,14 +234,45 @@ class NoticeCode(StrEnum):
     TRAINING_FAILED = "training_failed"
 
     # telemetry and the programs that listen
+    TELEMETRY_AWAY = "telemetry_away"
+    TELEMETRY_BACK = "telemetry_back"
+    TELEMETRY_NOT_OPEN = "telemetry_not_open"
+    TELEMETRY_UNCONFIRMED = "telemetry_unconfirmed"
+    TELEMETRY_CONFIRMED = "telemetry_confirmed"
+    WAITS_TELEMETRY = "waits_telemetry"
+    NO_ANSWER_AT = "no_answer_at"
+    PLACE_AWAY = "place_away"
+    PLACE_BACK = "place_back"
+    PLACE_NAME_UNKNOWN = "place_name_unknown"
+    PLACE_CLOSED = "place_closed"
+    PLACE_SILENT = "place_silent"
+    PLACE_PLAIN = "place_plain"
+    PLACE_ENCRYPTED = "place_encrypted"
+    PLACE_OTHER = "place_other"
+    TLS_OTHER_AUTHORITY = "tls_other_authority"
+    TLS_EXPIRED = "tls_expired"
+    TLS_NOT_YET = "tls_not_yet"
+    TLS_OTHER_HOST = "tls_other_host"
+    TLS_CERTIFICATE_WANTED = "tls_certificate_wanted"
+    TLS_OWN_EXPIRED = "tls_own_expired"
+    TLS_OWN_REFUSED = "tls_own_refused"
+    TLS_KEY_APART = "tls_key_apart"
+    TLS_FILE = "tls_file"
+    TLS_CLOSED = "tls_closed"
+    TWO_OF_ONE_NAME = "two_of_one_name"
+    ONE_OF_THIS_NAME = "one_of_this_name"
     NOT_PUBLISHED = "not_published"
     PUBLISHED_AGAIN = "published_again"
     NO_SUCH_TABLE = "no_such_table"
     PARAMETER_UNKNOWN = "parameter_unknown"
     QUERY_REFUSED = "query_refused"
+    QUERY_UNANSWERED = "query_unanswered"
     NOT_COLLECTED = "not_collected"
     COLLECTED_AGAIN = "collected_again"
     COLLECTING_AGAIN = "collecting_again"
+    MACHINE_RENAMED = "machine_renamed"
+    GATEWAY_CLOCK_AHEAD = "gateway_clock_ahead"
+    GATEWAY_CLOCK_RIGHT = "gateway_clock_right"
     NO_GATEWAY_HEARD = "no_gateway_heard"
     GATEWAYS_HEARD = "gateways_heard"
     UNREADABLE = "unreadable"
@@ -282,146 +317,180 @@ class NoticeCode(StrEnum):
     MODE_AND_PROBING = "mode_and_probing"
     MODE_WITHOUT_PROBING = "mode_without_probing"
 
+    # why something of this computer or of the control fails
+    WORK_NOT_STARTED = "work_not_started"
+    WORK_SLOW = "work_slow"
+    WORK_KILLED = "work_killed"
+    WORK_EXITED = "work_exited"
+    DATABASE_DELETED = "database_deleted"
+    DATABASE_EXCHANGED = "database_exchanged"
+    DATABASE_CUT = "database_cut"
+    DISK_SILENT = "disk_silent"
+    IN_FORCE_NOT_FINITE = "in_force_not_finite"
+    DRIVER_NO_DRY_RUNS = "driver_no_dry_runs"
+    UPDATE_PACKAGE = "update_package"
+    POSITION_TOO_FAR = "position_too_far"
+    POSITION_HINT = "position_hint"
+    HEARTBEAT_OLD = "heartbeat_old"
+    DRY_RUN_STOP = "dry_run_stop"
+    DRY_RUN_GOES_ON = "dry_run_goes_on"
+    UNEXPECTED_IN = "unexpected_in"
+    PLEASE_REPORT = "please_report"
+    FILE_NOT_READ = "file_not_read"
+    FILE_NOT_UTF8 = "file_not_utf8"
+    FILE_NOT_TOML = "file_not_toml"
+    FILE_PROBLEM = "file_problem"
+    NAMES_NOT_WRITTEN = "names_not_written"
+    NAME_TAKEN = "name_taken"
+    LIST_HEAD = "list_head"
+    LIST_INPUT = "list_input"
+    LIST_TWICE = "list_twice"
+    PROBLEMS = "problems"
 
-class Severity(StrEnum):
-    """How bad it is that something is said."""
+    # what only the log says
+    RECORDING_ENDED = "recording_ended"
+    KEY_REFUSED = "key_refused"
+    STRANGERS_REFUSED = "strangers_refused"
+    CLOCK_SET = "clock_set"
+    MEASUREMENT_NOT_TAKEN = "measurement_not_taken"
+    IMPORT_NOT_USED = "import_not_used"
+    SNAPSHOT_NOT_USED = "snapshot_not_used"
+    CHANNELS_FULL = "channels_full"
+    LOOPS_STUCK = "loops_stuck"
+    CONFIGURATION_RUNS = "configuration_runs"
+    STOPPED_EARLY = "stopped_early"
+    ENDED_AFTER = "ended_after"
+    LEARNING_APART = "learning_apart"
+    LEARNING_BESIDE = "learning_beside"
+    STOPPING = "stopping"
+    LINES_LOST = "lines_lost"
+    SYSTEMD_UNREACHED = "systemd_unreached"
+    REQUEST_NOT_WITHDRAWN = "request_not_withdrawn"
+    NC_NOT_LEFT = "nc_not_left"
+    ROWS_TOO_OLD = "rows_too_old"
+    NODES_NOT_PACKED = "nodes_not_packed"
+    PASSWORD_WRONG_AGAIN = "password_wrong_again"
+    MACHINES_FULL = "machines_full"
+    RELOADED = "reloaded"
+    OLD_CONFIGURATION_STAYS = "old_configuration_stays"
+    CONTENTS = "contents"
+    MACHINE_RUNS = "machine_runs"
+    BUS_AT = "bus_at"
+    CONTROL_NONE = "control_none"
+    CONTROL_AT = "control_at"
+    LISTENING_ON = "listening_on"
+    CONNECTING_TO = "connecting_to"
+    STORE_PUBLISHED = "store_published"
+    STORE_AT = "store_at"
+    METRICS_AT = "metrics_at"
 
-    INFORMATION = "information"
-    """It goes on as it should, or does so again."""
-    NOTICE = "notice"
-    """Something waits or differs; nothing is broken."""
-    PROBLEM = "problem"
-    """Something fails, or its result cannot be used."""
-
-
-MUST_ACT: Final = frozenset(
-    {
-        NoticeCode.ARM_ENDS_THAT,
-        NoticeCode.BUS_SLOW,
-        NoticeCode.CAN_ABSENT,
-        NoticeCode.CAN_DOWN,
-        NoticeCode.CAN_LEFT_BUS,
-        NoticeCode.CERTIFICATE_SPOILT,
-        NoticeCode.CLEAN_SPHERE,
-        NoticeCode.CLOCK_AND_PAUSE_UNKNOWN,
-        NoticeCode.CLOCK_NOT_SET,
-        NoticeCode.CLOCK_UNKNOWN,
-        NoticeCode.DISK_LOW,
-        NoticeCode.DISK_NEARLY_FULL,
-        NoticeCode.DRY_RUN_CHANGED,
-        NoticeCode.DRY_RUN_NOT_SHOWN,
-        NoticeCode.DRY_RUN_OFFERED,
-        NoticeCode.DRY_RUN_UNKNOWN,
-        NoticeCode.DRY_RUN_WANTED,
-        NoticeCode.FILE_ABSENT,
-        NoticeCode.FILE_OF_OTHERS,
-        NoticeCode.FILE_UNREADABLE,
-        NoticeCode.FOLDER_ABSENT,
-        NoticeCode.KEY_SPOILT,
-        NoticeCode.LINE_SHARED,
-        NoticeCode.NC_ALARM,
-        NoticeCode.NC_AXES_FROZEN,
-        NoticeCode.NC_NOT_SENDABLE,
-        NoticeCode.NC_OTHER_MODE,
-        NoticeCode.NC_OTHER_OFFSETS,
-        NoticeCode.NC_PROBES_ON,
-        NoticeCode.NC_VALUES_UNKNOWN,
-        NoticeCode.NC_WATCHDOG_SILENT,
-        NoticeCode.NC_WATCHDOG_UNHEARD,
-        NoticeCode.NOT_RELOADED,
-        NoticeCode.OTHER_MASTER,
-        NoticeCode.PAIR_SPOILT,
-        NoticeCode.PASSWORD_SPOILT,
-        NoticeCode.PROCESSOR_SLOW,
-        NoticeCode.RELOAD_NEEDS_RESTART,
-        NoticeCode.RELOAD_OTHER_INPUTS,
-        NoticeCode.SAME_ALL_DAY,
-        NoticeCode.SECRET_ABSENT,
-        NoticeCode.SENSORS_EXCHANGED,
-        NoticeCode.STORE_BEGUN,
-        NoticeCode.STORE_BEGUN_LOST,
-        NoticeCode.STORE_DELETED,
-        NoticeCode.SUPPLY_LOW,
-        NoticeCode.TOUCHES_SCATTER,
-        NoticeCode.USERS_SPOILT,
-        NoticeCode.WAITS_ARM,
-        NoticeCode.WAITS_RESUME,
-        NoticeCode.WAITS_TIME_SERVER,
-    }
-)
-"""Nothing but a person ends these."""
-
-_PROBLEMS: Final = MUST_ACT - {NoticeCode.WAITS_ARM, NoticeCode.WAITS_RESUME} | {
-    NoticeCode.CENTRE_OUTLIER,
-    NoticeCode.CENTRE_TOO_FAR,
-    NoticeCode.CHANNEL_BAD,
-    NoticeCode.CHANNEL_BAD_BECAUSE,
-    NoticeCode.DISK_HANGS,
-    NoticeCode.FAILED,
-    NoticeCode.FIT_POOR,
-    NoticeCode.INTERMITTENT,
-    NoticeCode.LOADS_NOT_LEARNT,
-    NoticeCode.NC_CYCLE_FAILED,
-    NoticeCode.NC_NOT_CONNECTED,
-    NoticeCode.NC_ONE_SHIFT,
-    NoticeCode.NC_SLOW,
-    NoticeCode.NO_MORE_KINDS,
-    NoticeCode.NOT_COLLECTED,
-    NoticeCode.NOT_FINISHED,
-    NoticeCode.NOT_PUBLISHED,
-    NoticeCode.OFFSETS_MOVED,
-    NoticeCode.CYCLE_VOID,
-    NoticeCode.PROBING_BLOCKED,
-    NoticeCode.REFERENCE_APART,
-    NoticeCode.RESULT_ABSURD,
-    NoticeCode.RESULT_COUNT,
-    NoticeCode.RESULT_NO_POINTS,
-    NoticeCode.RESULT_NOT_FINITE,
-    NoticeCode.RESULT_SURPRISING,
-    NoticeCode.ROWS_REFUSED,
-    NoticeCode.SENSOR_OFF,
-    NoticeCode.SENSORS_NOT_JUDGED,
-    NoticeCode.SENSORS_NOT_LEARNT,
-    NoticeCode.STORE_FAILS,
-    NoticeCode.STORE_MENDED,
-    NoticeCode.STORE_MENDED_LOST,
-    NoticeCode.TOUCHES_APART,
-    NoticeCode.TRAINING_FAILED,
-    NoticeCode.UNEXPECTED,
-    NoticeCode.UNEXPECTED_ERROR,
-}
-_INFORMATION: Final = frozenset(
-    {
-        NoticeCode.ANSWERS_AGAIN,
-        NoticeCode.ARMED_AGAIN,
-        NoticeCode.BUS_IN_TIME,
-        NoticeCode.CHANNEL_GOOD_AGAIN,
-        NoticeCode.CLOCK_RIGHT,
-        NoticeCode.CLOCK_RIGHT_AFTER,
-        NoticeCode.COLLECTED_AGAIN,
-        NoticeCode.DISK_FREE,
-        NoticeCode.LOADS_LEARNT,
-        NoticeCode.NC_AXES_MOVE,
-        NoticeCode.NC_CONNECTED_AGAIN,
-        NoticeCode.NC_FOLLOWS_AGAIN,
-        NoticeCode.NC_IN_TIME,
-        NoticeCode.NC_PROBES_NO_MORE,
-        NoticeCode.NC_VALUES_KNOWN,
-        NoticeCode.NC_WATCHDOG_HEARD,
-        NoticeCode.NO_OTHER_MASTER,
-        NoticeCode.OPENED_AGAIN,
-        NoticeCode.PROBING_FREE,
-        NoticeCode.PUBLISHED_AGAIN,
-        NoticeCode.SENSORS_AGREE,
-        NoticeCode.SENSORS_JUDGED,
-        NoticeCode.SENSORS_LEARNT,
-        NoticeCode.STORE_WORKS,
-    }
-)
-
-
-def severity_of(code: NoticeCode) -> Severity:
-    """How bad it is."""
-    if code in _PROBLEMS:
-        return Severity.PROBLEM
-    return Severity.INFORMATION if code in _INFORMATION else Severity.NOTICE
+    # mistakes in a configuration, an option or a file
+    LIMITS_REVERSED = "limits_reversed"
+    UNKNOWN_PROFILE = "unknown_profile"
+    PROFILE_TOO_OLD = "profile_too_old"
+    OLDER_THAN_PERIODS = "older_than_periods"
+    PACKAGE_FAILED = "package_failed"
+    A_MACHINE_NAME = "a_machine_name"
+    A_KEY_PREFIX = "a_key_prefix"
+    METRICS_FORM = "metrics_form"
+    METRICS_NO_CERTIFICATE = "metrics_no_certificate"
+    PACKED_NAME = "packed_name"
+    PACKED_ENCODING = "packed_encoding"
+    NO_PEM = "no_pem"
+    NO_PEM_KEY = "no_pem_key"
+    PRIOR_UNREADABLE = "prior_unreadable"
+    PRIOR_USELESS = "prior_useless"
+    PRIOR_OTHER_INPUTS = "prior_other_inputs"
+    NOT_JSON = "not_json"
+    NOT_A_PRIOR = "not_a_prior"
+    PRIOR_NO_EFFECT = "prior_no_effect"
+    PLANNED_SHORT = "planned_short"
+    STORE_IN_ETC = "store_in_etc"
+    ROUTE_FOLLOWS_SLOWLY = "route_follows_slowly"
+    WATCHDOG_SHORT = "watchdog_short"
+    NAME_REPEATED = "name_repeated"
+    NO_DEVICE = "no_device"
+    CHANNEL_REPEATED = "channel_repeated"
+    INPUT_REPEATED = "input_repeated"
+    TOLERANCE_REPEATED = "tolerance_repeated"
+    TOLERANCE_UNBOUNDED = "tolerance_unbounded"
+    NC_OF_STATES = "nc_of_states"
+    LOAD_NO_INPUT = "load_no_input"
+    PLANNED_NO_LEARNER = "planned_no_learner"
+    BUS_AT_SAME_PLACE = "bus_at_same_place"
+    BUS_OF_OTHER_KIND = "bus_of_other_kind"
+    READ_LIMIT_SHORT = "read_limit_short"
+    UNKNOWN_BUS = "unknown_bus"
+    UNIT_TAKEN = "unit_taken"
+    UNIT_SHARED = "unit_shared"
+    MANY_CHANNELS = "many_channels"
+    LIMITS_NO_CHANNEL = "limits_no_channel"
+    ARMED_NO_NC = "armed_no_nc"
+    COMPENSATES_NO_NC = "compensates_no_nc"
+    ARMED_ONLY_READ = "armed_only_read"
+    COMPENSATES_ONLY_READ = "compensates_only_read"
+    BEYOND_STEP = "beyond_step"
+    INSIST_EARLY = "insist_early"
+    STALE_EARLY = "stale_early"
+    POSES_IN_RADIANS = "poses_in_radians"
+    UNKNOWN_STATE = "unknown_state"
+    BOUND_BEYOND_LARGEST = "bound_beyond_largest"
+    PORT_UNSTABLE = "port_unstable"
+    TIMEOUT_LONG = "timeout_long"
+    NO_LOAD = "no_load"
+    MUTUAL_ALONE = "mutual_alone"
+    AN_OPERATOR_NAME = "an_operator_name"
+    ENDPOINT_FORM = "endpoint_form"
+    OPERATOR_REPEATED = "operator_repeated"
+    EXPIRES_SOON = "expires_soon"
+    FILE_WRONG = "file_wrong"
+    EXPIRED = "expired"
+    NOT_YET_VALID = "not_yet_valid"
+    KEY_OF_OTHER = "key_of_other"
+    USERS_EMPTY = "users_empty"
+    USERS_LINE = "users_line"
+    USERS_INVISIBLE = "users_invisible"
+    LISTEN_NO_CERTIFICATE = "listen_no_certificate"
+    LISTEN_UNENCRYPTED = "listen_unencrypted"
+    CONNECT_NO_AUTHORITY = "connect_no_authority"
+    CLIENT_NO_ROUTER = "client_no_router"
+    READERS_NO_NAMES = "readers_no_names"
+    READERS_OF_ROUTER = "readers_of_router"
+    PASSWORD_EMPTY = "password_empty"
+    CONNECT_UNENCRYPTED = "connect_unencrypted"
+    MULTICAST_ANYONE = "multicast_anyone"
+    USERS_UNENCRYPTED = "users_unencrypted"
+    NO_PROBING_CONTROL = "no_probing_control"
+    NOT_SCANNED = "not_scanned"
+    SCAN_PORT_SERVER = "scan_port_server"
+    SCAN_PORT = "scan_port"
+    SCAN_HOST = "scan_host"
+    NO_TOPIC_NUMBER = "no_topic_number"
+    PROFILE_OF_OTHER_BUS = "profile_of_other_bus"
+    LEARNER_NO_MEMORY = "learner_no_memory"
+    LEARNER_USE_LESS = "learner_use_less"
+    NO_SINUMERIK = "no_sinumerik"
+    INFLUXDB_WHICH = "influxdb_which"
+    INFLUXDB_OF_TWO = "influxdb_of_two"
+    INFLUXDB_OF_ONE = "influxdb_of_one"
+    MQTT_LEVELS = "mqtt_levels"
+    SOURCE_NO_AUTHORITY = "source_no_authority"
+    OUTLET_REPEATED = "outlet_repeated"
+    OUTLET_KINDS = "outlet_kinds"
+    UMATI_OPEN = "umati_open"
+    PAGE_TLS = "page_tls"
+    PAGE_USERS = "page_users"
+    PAGE_OPEN = "page_open"
+    PAGE_CERTIFICATE = "page_certificate"
+    ASKED_WRONG = "asked_wrong"
+    ASKED_BEYOND = "asked_beyond"
+    A_HEADER = "a_header"
+    OPERATORS_UNKNOWN = "operators_unknown"
+    NOT_A_HASH = "not_a_hash"
+    A_USER_NAME = "a_user_name"
+    NUMBERS_FORM = "numbers_form"
+    NUMBERS_ORDER = "numbers_order"
+    ZONE_UNKNOWN = "zone_unknown"
+    HOST_PORT_FORM = "host_port_form"
+    SHIFTS_FORM = "shifts_form"
+    CONNECT_FORM = "connect_form"

@@ -28,8 +28,14 @@ class CommandName(StrEnum):
     """The offsets go to zero and stay there, and no cycle is requested, restarts included, until it is armed again."""
     ARM = "arm"
     """The disarming ends: what the configuration arms is armed again, and nothing else."""
+    REFERENCE = "reference"
+    """Drop the reference: the sphere is measured anew while no program runs, and errors count from zero again."""
     RELOAD = "reload"
     """Read the configuration's file again and apply it, if nothing in it needs a restart."""
+
+
+BY_CAUTION: Final = frozenset({CommandName.PAUSE, CommandName.DISARM})
+"""These only take away: they count although nothing can be stored, however many were given and whatever else waits."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,6 +6,7 @@ from typing import Any, TypeVar
 
 from gateway.model.commands import CommandOutcome, Disarmed, Pause
 from gateway.model.compensation import Write
+from gateway.model.connection import Connection
 from gateway.model.control_state import NcState
 from gateway.model.notice import Notify
 from gateway.model.probing import Outcome, Outlook
@@ -156,6 +157,8 @@ class Health:
     """The compensation's pause; None: it is not paused."""
     disarmed: Disarmed | None = None
     """Who has disarmed the gateway; None: nobody."""
+    telemetry: Connection | None = None
+    """How the telemetry is connected; None: it is off."""
 
 
 @dataclass(frozen=True, slots=True)

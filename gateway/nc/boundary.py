@@ -31,6 +31,8 @@ from drivers.nc import (
     Triple,
     WatchdogTerms,
 )
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 from gateway.runtime.boundary import uncancelled, unexpected
 
 log = logging.getLogger(__name__)
@@ -73,7 +75,7 @@ class _Contained:
         elif isinstance(self._nc, RunsDry):
             await self.call("request_probing", self._nc.request_probing(number, dry_run_mm))
         else:
-            raise Refused("the control's driver knows no dry runs", device="nc", hint="update its package")
+            raise Refused(Text(NoticeCode.DRIVER_NO_DRY_RUNS), device="nc", hint=Text(NoticeCode.UPDATE_PACKAGE))
 
     @property
     def runs_dry(self) -> bool | None:
@@ -210,7 +212,7 @@ _OR_NOT: _Types = (bool, type(None))
 _KINDS: Mapping[str, _Types] = {
     "time": datetime, "monotonic_s": (float, int), "mode": OperatingMode, "program": ProgramState, "quality": Quality,
     "tool": (int, type(None)), "probe_in_spindle": _OR_NOT, "ready": _OR_NOT, "probing": _OR_NOT,
-    "cannot_probe": (str, type(None)), "alarms": tuple, "not_known": dict,
+    "cannot_probe": (str, type(None)), "cannot_probe_code": str, "alarms": tuple, "not_known": dict,
 }  # fmt: skip
 """The type of each of a snapshot's other fields. A 0 instead of False would count as not False: offsets would be
 written during an emergency stop."""
@@ -235,9 +237,9 @@ def _check_distance(positions: Mapping[str, float]) -> None:
     for axis in LINEAR_AXES:
         if abs(positions[axis]) > FARTHEST_MM:
             raise BadAnswer(
-                f"position {axis} = {positions[axis]:g} mm: no axis is so long",
+                Text(NoticeCode.POSITION_TOO_FAR, axis=axis, mm=positions[axis]),
                 device="nc",
-                hint="is it another value of the control, or another unit? See [nc]",
+                hint=Text(NoticeCode.POSITION_HINT),
             )
 
 

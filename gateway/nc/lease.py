@@ -94,7 +94,7 @@ class Lease:
     def check_fresh(self) -> None:
         """Raises NoAnswer if this process was suspended since its beat: the control may have moved the offsets."""
         if self._clock.monotonic() - self._beat_s > self._terms.silence_s / 2:
-            raise NoAnswer(f"more than {self._terms.silence_s / 2:g} s since the heartbeat", device="nc")
+            raise NoAnswer(Text(NoticeCode.HEARTBEAT_OLD, s=self._terms.silence_s / 2), device="nc")
 
     def tell(self, text: Text) -> None:
         """Report what happened to the offsets; this gateway still writes."""

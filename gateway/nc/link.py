@@ -15,7 +15,7 @@ from gateway.model.codes import NoticeCode
 from gateway.model.commands import Disarmed, Pause
 from gateway.model.compensation import Source, Write
 from gateway.model.probing import Outcome
-from gateway.model.text import Text
+from gateway.model.text import Text, text_of
 from gateway.nc.boundary import contained_control
 from gateway.nc.hold import Hold
 from gateway.nc.lease import Lease
@@ -173,6 +173,10 @@ class NcLink:
     def remembered(self, measured_s: Sequence[float], missing_s: Mapping[str, float]) -> None:
         """The times of `Earlier`, now that the clock is known to be right; those of this run stay."""
         self._target.remembered(measured_s, missing_s)
+
+    def drop_reference(self, reason: Text) -> Outcome | None:
+        """The next measurement sets another reference; see Prober."""
+        return self._prober.drop_reference(reason)
 
     async def measure(self, why: Why) -> Outcome:
         """One probing cycle, or those of the reference; see Prober. The offsets stand still until it has ended."""
@@ -361,4 +365,4 @@ class NcLink:
         try:
             await part()
         except DriverError as error:
-            log.warning("the NC could not be left as configured; its watchdog takes over: %s", error)
+            log.warning("%s", Text(NoticeCode.NC_NOT_LEFT, error=text_of(error)))

@@ -6,7 +6,7 @@ from typing import Final
 from gateway.model.codes import NoticeCode
 from gateway.model.text import Text
 
-_DISARMED: Final = (NoticeCode.NC_NOT_SENDABLE, NoticeCode.NC_OTHER_OFFSETS)
+DISARMING: Final = (NoticeCode.NC_NOT_SENDABLE, NoticeCode.NC_OTHER_OFFSETS)
 """These last until a restart."""
 _ENDS: Final = {
     NoticeCode.NC_NOT_CONNECTED: NoticeCode.NC_CONNECTED_AGAIN,
@@ -20,7 +20,7 @@ def still_wrong(texts: Iterable[Text]) -> tuple[Text, ...]:
     """What is still wrong with the control, by all that one run has reported, in its order."""
     found: dict[NoticeCode | None, Text] = {}
     for text in texts:
-        if any(map(text.says, _DISARMED)):
+        if any(map(text.says, DISARMING)):
             found[None] = text
         for beginning, end in _ENDS.items():
             if text.says(beginning):

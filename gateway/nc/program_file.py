@@ -9,6 +9,8 @@ from gateway.config.controls import SinumerikNc
 from gateway.config.file import load
 from gateway.config.model import GatewayConfig
 from gateway.config.problems import ConfigError, Problem
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 
 
 def write_program(config: Path, folder: Path) -> tuple[Path, int]:
@@ -28,7 +30,7 @@ def write_program(config: Path, folder: Path) -> tuple[Path, int]:
 def program_of(config: GatewayConfig) -> str:
     """TALC_ERRORS.SPF. Raises SetupError for another control or route."""
     if not isinstance(config.nc, SinumerikNc):
-        raise SetupError("CONFIG has no control of kind = 'sinumerik'")
+        raise SetupError(Text(NoticeCode.NO_SINUMERIK))
     settings: SinumerikSettings = config.nc.settings(config.probing.poses_deg, ())
     comp = config.compensation
     return errors_program(settings, ErrorTerms(comp.slew_um_per_s, config.probing.sphere_radius_mm, comp.bound_um))

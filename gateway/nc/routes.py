@@ -216,12 +216,12 @@ class AgentRoute:
         await self._form.write(coefficients)
 
 
-def differ(found: FloatArray, wanted: FloatArray) -> bool:
-    """Whether two matrices (3, n) differ somewhere in the travel; those of two forms do."""
+def differ(found: FloatArray, wanted: FloatArray, moved_um: float = 0.0) -> bool:
+    """Whether two matrices (3, n) differ somewhere in the travel by more than `moved_um`; those of two forms do."""
     if found.shape != wanted.shape:
         return True
     # With the comparison the other way round, NaN would agree with everything.
-    return not np.abs(found - wanted).sum(axis=1).max() <= _SAME_UM
+    return not np.abs(found - wanted).sum(axis=1).max() <= _SAME_UM + moved_um
 
 
 def offsets_text(coefficients: FloatArray) -> str:

@@ -17,6 +17,8 @@ from gateway.nc.slew import Slew, as_offsets
 from gateway.runtime.clocks import ServiceClock
 from talc.frame import FloatArray
 
+_READINGS = 3
+"""So many must agree before a ramp begins: nothing else tells a spoilt one, and two can be alike."""
 _LATE_S = 10.0
 """A write without an answer may still arrive for at least this long. Until then the offsets stand where it would find
 them, so that it is a step of one period's slew at most."""
@@ -56,6 +58,8 @@ class OffsetWriter:
         self._late_write_s = late_write_s
         self._slew: Slew | None = None
         self._left: FloatArray | None = None
+        self._begun_at: tuple[float, FloatArray] | None = None
+        """When the ramp began, and from what: one reading, which may be a spoilt one."""
         self._unanswered: FloatArray | None = None
         """The last write that got no answer, until it is seen in force."""
         self._until_s = -math.inf
@@ -85,13 +89,16 @@ class OffsetWriter:
 
         Raises DriverError; BadAnswer for an offset that is not a finite number.
         """
-        self._continue_from(await self._form.read())
-        self._left = None
+        self._begin_at(await self._form.read())
+
+    def _begin_at(self, in_force: FloatArray) -> None:
+        self._continue_from(in_force)
+        self._left, self._begun_at = None, (self._clock.monotonic(), in_force)
 
     def _continue_from(self, in_force: FloatArray) -> None:
         """The next step begins there. Raises BadAnswer."""
         if not np.all(np.isfinite(in_force)):
-            raise BadAnswer(f"offsets {offsets_text(in_force)} µm are in force: expected finite numbers", device="nc")
+            raise BadAnswer(Text(NoticeCode.IN_FORCE_NOT_FINITE, offsets=offsets_text(in_force)), device="nc")
         settings = self._settings
         self._slew = Slew(
             settings.bound_um,
@@ -177,10 +184,22 @@ class OffsetWriter:
     async def _is_mine(self) -> bool:
         """Whether this gateway's last write is still in force; otherwise its next step would be a jump."""
         if self._left is None:
+            return await self._is_begun()
+        return self._agrees(await self._in_force(self._left), self._left)
+
+    async def _is_begun(self) -> bool:
+        """Before the first write of a ramp: whether two more readings say where it began, but for what a watchdog has
+        taken away since; otherwise it begins anew, from there."""
+        if self._form.together or self._begun_at is None:  # the control slews, from what is really in force
             return True
-        found = await self._form.read()
+        at_s, before = self._begun_at
+        found = [await self._form.read() for _ in range(_READINGS - 1)]
         self._lease.check_fresh()
-        return self._agrees(found, self._left)
+        most_um = self._settings.slew_um_per_s * (self._clock.monotonic() - at_s)
+        if not any(differ(reading, before, most_um) for reading in found):
+            return True
+        self._begin_at(found[-1])
+        return False
 
     async def _put(self, coefficients: FloatArray) -> bool:
         """Whether the driver sends it. Offsets found at the start may exceed what the driver ever sends, and no ramp
@@ -203,9 +222,17 @@ class OffsetWriter:
         return True
 
     async def _read_back(self, coefficients: FloatArray) -> FloatArray:
-        found = self._left = await self._form.read()
-        self._lease.check_fresh()
+        found = self._left = await self._in_force(coefficients)
         self._agrees(found, coefficients)
+        return found
+
+    async def _in_force(self, wanted: FloatArray) -> FloatArray:
+        """What is in force, read once more where it is not `wanted`: one spoilt answer disarms nothing."""
+        for _ in range(2):
+            found = await self._form.read()
+            self._lease.check_fresh()
+            if not differ(found, wanted):
+                break
         return found
 
     def _agrees(self, found: FloatArray, wanted: FloatArray) -> bool:

@@ -1,6 +1,7 @@
 """The data of a report, as arrays."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, time, tzinfo
 from types import MappingProxyType
@@ -70,6 +71,28 @@ class CycleSeen:
     """Why its result was not used; empty: it was."""
     cycles: int = 1
     """How many ran one after the other: several for the reference."""
+    lasted_s: float = math.nan
+    """From the request to its end; NaN: unknown."""
+
+
+CYCLE_S = 120.0
+"""Duration of a probing cycle of which none has been timed (Z22)."""
+
+
+def cycle_s(cycles: Sequence[CycleSeen]) -> float:
+    """The median duration of one cycle, of those whose result was used."""
+    timed = [each.lasted_s / each.cycles for each in cycles if not each.refused and each.lasted_s > 0.0]
+    return float(np.median(timed)) if timed else CYCLE_S
+
+
+def probing_s(cycles: Sequence[CycleSeen], one_s: float) -> float:
+    """How long the machine probed. A refused request counts as no more than a cycle: it may have waited in vain.
+
+    one_s: median duration of a cycle
+    """
+    usual = [one_s * each.cycles for each in cycles]
+    own = [each.lasted_s if each.lasted_s > 0.0 else of for each, of in zip(cycles, usual, strict=True)]
+    return sum(min(s, of) if each.refused else s for each, s, of in zip(cycles, own, usual, strict=True))
 
 
 class NotYet(NamedTuple):
@@ -162,6 +185,12 @@ class ReportData:
     """What `channel_health` counts."""
     language: str = "en"
     """Of the catalogue."""
+    tolerance_um: float | None = None
+    """Of the jobs; None: nobody has said."""
+    instruments: tuple[tuple[str, str, str, str], ...] = ()
+    """What measures: what it is, its serial number, when it was calibrated, and when it is due; empty: unknown."""
+    source: str = ""
+    """SHA-256 of the database's file; empty: not asked for."""
     origin_s: float | None = None
     """Time of the first row of a recording without dates, on the clock of `start_utc_s`; times count from it. None:
     UTC."""

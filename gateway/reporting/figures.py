@@ -7,14 +7,12 @@ import numpy as np
 from rich.table import Table
 
 from gateway.model.text import Language
-from gateway.reporting.data import ReportData
+from gateway.reporting.data import CYCLE_S, ReportData, cycle_s
 from gateway.reporting.tool import ToolCourse, at_tool
 from talc.frame import BoolArray, EventKind, FloatArray
 from talc.indicators import FIRST_HOUR_S, Spread, productivity, reduction
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
 
-CYCLE_S = 120.0
-"""Duration of a probing cycle (Z22)."""
 _LEAST_PERCENT = 0.5
 _LEAST_VALUES = 2
 """E_PV of a single value is 0, whatever it is."""
@@ -113,6 +111,8 @@ class Summary:
     rejected_cycles: int
     held: tuple[SummaryRow, ...] = ()
     """For comparison: the same measurements with the last one held; only for a recording."""
+    cycle_s: float = CYCLE_S
+    """Duration of a probing cycle, the median of those that were timed."""
     course: ToolCourse | None = None
     """The deviations that `tool` is made of, from the first frame on; None: they cannot be known."""
 
@@ -145,8 +145,9 @@ def summary(data: ReportData) -> Summary:
         course=course,
         hours=total_s / 3600,
         begin_hours=begin_s / 3600,
-        # Cycles of a rehearsal are shorter than a cycle counts.
-        productivity=max(productivity(after, CYCLE_S, total_s - begin_s), 0.0),
+        # Cycles of a rehearsal may be shorter than the time between them.
+        productivity=max(productivity(after, cycle_s(data.cycles_seen), total_s - begin_s), 0.0),
+        cycle_s=cycle_s(data.cycles_seen),
         measurements=after,
         state_updates=data.count(EventKind.STATE_UPDATE),
         model_updates=sum(bool(a.after_k >= data.k[first]) for a in data.models),
@@ -213,7 +214,7 @@ def table(s: Summary, said: Language) -> Table:
     caption = said(
         "report.table_caption",
         basis=said(f"report_basis.{s.basis}"), begin_h=s.begin_hours, hours=s.hours, productivity=s.productivity,
-        cycle_s=CYCLE_S, measurements=s.measurements, models=s.model_updates, states=s.state_updates,
+        cycle_s=s.cycle_s, measurements=s.measurements, models=s.model_updates, states=s.state_updates,
         rejected=s.rejected_cycles,
     )  # fmt: skip
     grid = Table(title=said("report.table_title"), caption=caption, caption_justify="left")

@@ -5,12 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from drivers.base import Quality
 from gateway.model.text import Language
-from gateway.reporting.data import CycleSeen, ReportData
-from gateway.reporting.figures import CYCLE_S, Change, Summary, SummaryRow
+from gateway.reporting.data import CycleSeen, ReportData, cycle_s, probing_s
+from gateway.reporting.figures import Change, Summary, SummaryRow
 from gateway.reporting.local import hours, shifts_between
 from talc.frame import FloatArray
-from talc.indicators import productivity, rms
+from talc.indicators import rms
 from talc.names import ERROR_UNITS, THERMAL_ERRORS
 
 _MOST_SHIFTS = 42
@@ -33,7 +34,7 @@ class ShiftRow:
 
 def verdict(data: ReportData, s: Summary) -> str:
     """Such as `Z at the tool: 40 → 3.6 µm RMS, 91 % less, 96 % productive`; of the worst axis, or the worst error."""
-    worst, said = _worst(s), Language(data.language)
+    worst, said = worst_row(s), Language(data.language)
     if worst is None:
         why = said("report.no_prediction") if s.rows else said(f"report_basis.{s.basis}")
         return said("report.nothing_to_judge", why=why)
@@ -77,7 +78,7 @@ def losses(data: ReportData, s: Summary) -> tuple[tuple[str, str], ...]:
 
 def by_shift(data: ReportData, s: Summary) -> tuple[str, tuple[ShiftRow, ...]]:
     """What is judged, and the latest shifts; none of a recording, which says nothing of a machine's shifts."""
-    worst, course, said = _worst(s), s.course, Language(data.language)
+    worst, course, said = worst_row(s), s.course, Language(data.language)
     if worst is None or data.recorded is not None:
         return "", ()
     if course is not None and worst.axis:
@@ -102,6 +103,16 @@ def by_shift(data: ReportData, s: Summary) -> tuple[str, tuple[ShiftRow, ...]]:
     )
 
 
+def not_good(data: ReportData, said: Language) -> list[tuple[str, str]]:
+    """Channels that were not always good, and their readings by quality."""
+    found = []
+    for name, counts in data.channel_health.items():
+        if set(counts) != {Quality.GOOD}:
+            each = ", ".join(f"{said.word('quality', quality)}: {count}" for quality, count in sorted(counts.items()))
+            found.append((name, each or said("report.never_read")))
+    return found
+
+
 def _shift(
     data: ReportData,
     row: SummaryRow,
@@ -122,11 +133,11 @@ def _shift(
         after="" if nothing else _short(left, said),
         change=None if nothing else known.change_rms,
         cycles=said("report.cycles_refused", n=_many(seen), refused=refused) if refused else str(_many(seen)),
-        probing=hours(_many(seen) * CYCLE_S, said),
+        probing=hours(probing_s(seen, cycle_s(data.cycles_seen)), said),
     )
 
 
-def _worst(s: Summary) -> SummaryRow | None:
+def worst_row(s: Summary) -> SummaryRow | None:
     """The largest without compensation: at the tool, else of the positions, else of the orientations."""
     positions = [row for row in s.rows if row.unit == ERROR_UNITS[THERMAL_ERRORS[0]]]
     for rows in (s.tool, positions, s.rows):
@@ -138,7 +149,8 @@ def _worst(s: Summary) -> SummaryRow | None:
 
 def _productive(data: ReportData) -> float:
     """Share of the time in which no cycle ran, %; refused cycles and the reference's take time as well."""
-    share = productivity(_many(data.cycles_seen), CYCLE_S, float(data.time_s[-1]) + data.step_s)
+    lasted_s = float(data.time_s[-1]) + data.step_s
+    share = 100.0 * (1.0 - probing_s(data.cycles_seen, cycle_s(data.cycles_seen)) / lasted_s)
     return max(share, 0.0)  # a reference may take longer than the first steps
 
 
@@ -150,8 +162,9 @@ def _probing(data: ReportData, said: Language) -> list[tuple[str, str]]:
     if not data.cycles_seen:
         return []
     many, share = _many(data.cycles_seen), 100.0 - _productive(data)
-    lasted = hours(many * CYCLE_S, said)
-    found = [("probing", said("report.probing", n=many, minutes=CYCLE_S / 60, lasted=lasted, percent=share))]
+    one_s = cycle_s(data.cycles_seen)
+    one, lasted = (hours(s, said) for s in (one_s, probing_s(data.cycles_seen, one_s)))
+    found = [("probing", said("report.probing", n=many, one=one, lasted=lasted, percent=share))]
     refused = [cycle.refused for cycle in data.cycles_seen if cycle.refused]
     if refused:
         found.append(("refused", said("report.refused", n=len(refused), last=said.of(refused[-1]))))

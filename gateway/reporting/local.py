@@ -4,7 +4,9 @@ from collections.abc import Iterator, Sequence
 from datetime import date, datetime, time, timedelta, tzinfo
 from itertools import pairwise
 
-from gateway.model.text import Language
+from drivers.text import shown
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Language, Text
 
 _DAY = timedelta(days=1)
 _ENGLISH = Language()
@@ -28,7 +30,9 @@ def since(seconds: float) -> str:
 
 
 def hours(seconds: float, said: Language) -> str:
-    """Such as `12 min` or `3.5 h`."""
+    """Such as `10 s`, `12 min` or `3.5 h`."""
+    if seconds < 90.0:
+        return f"{seconds:.0f} s"
     return f"{seconds / 60.0:.0f} min" if seconds < 5400.0 else f"{said.number(seconds / 3600.0, '.1f')} h"
 
 
@@ -53,4 +57,4 @@ def shift_starts(text: str) -> tuple[time, ...]:
         parts = [part.strip().partition(":") for part in text.split(",") if part.strip()]
         return tuple(sorted({time(int(hour), int(minute)) for hour, _, minute in parts}))
     except ValueError:
-        raise ValueError(f"{text!r}: expected times of day such as 06:00,14:00,22:00") from None
+        raise ValueError(Text(NoticeCode.SHIFTS_FORM, value=shown(text))) from None

@@ -9,13 +9,12 @@ import numpy as np
 from jinja2 import Environment, FunctionLoader, StrictUndefined
 from markupsafe import Markup
 
-from drivers.base import Quality
 from gateway.model.text import Language, Value
 from gateway.reporting.charts import ChartGroup, error_charts, input_charts, tool_charts
 from gateway.reporting.coordinates import by_coordinate
 from gateway.reporting.data import NotYet, ReportData
 from gateway.reporting.figures import summary
-from gateway.reporting.first_lines import by_shift, losses, verdict
+from gateway.reporting.first_lines import by_shift, losses, not_good, verdict
 from gateway.reporting.local import hours, weekday
 from gateway.reporting.plots import inputs_plot, still
 from gateway.reporting.series import series
@@ -58,15 +57,7 @@ class _ShownGroup:
 def build(data: ReportData) -> str:
     """The page of a run."""
     s, said = summary(data), Language(data.language)
-    unhealthy = [
-        (
-            name,
-            ", ".join(f"{said.word('quality', quality)}: {count}" for quality, count in sorted(counts.items()))
-            or said("report.never_read"),
-        )
-        for name, counts in data.channel_health.items()
-        if set(counts) != {Quality.GOOD}
-    ]
+    unhealthy = not_good(data, said)
     tool, (inputs, basis) = tool_charts(data, s.course), input_charts(data)
     errors = [(e, error_charts(data, e)) for e in range(len(THERMAL_ERRORS)) if _known(data, e)]
     groups = [group for group in (tool, inputs, *(group for _, group in errors)) if group is not None]

@@ -19,7 +19,7 @@ from talc.frame import FloatArray, Phase
 
 _DAY = 86400.0
 _HOUR = 3600.0
-_LIGHT = {
+INK_COLOURS = {
     Ink.BEFORE: "#8b97a5",
     Ink.AFTER: "#c2410c",
     Ink.ESTIMATE: "#1f6feb",
@@ -39,7 +39,7 @@ _GRID = "#e2e8f0"
 _UPDATE = "#16a34a"
 _SHADE = {Phase.CALIBRATION: "#f4ecd2", Phase.NO_GOOD: "#f6d9d5"}
 _VARIABLES = {
-    **{colour: f"var(--{ink})" for ink, colour in _LIGHT.items()},
+    **{colour: f"var(--{ink})" for ink, colour in INK_COLOURS.items()},
     **{colour: f"var(--{phase})" for phase, colour in _SHADE.items()},
     _INK: "var(--ink)",
     _GRID: "var(--line)",
@@ -51,7 +51,7 @@ _METADATA = re.compile(r"<metadata>.*?</metadata>", re.DOTALL)
 _NAME = re.compile(r"""(\bid="|url\(#|href="#)""")
 _MOST_POINTS = 700
 _MOST_DOTS = 250
-_STYLE: dict[Any, Any] = {
+CHART_STYLE: dict[Any, Any] = {
     "svg.fonttype": "none",
     "svg.hashsalt": "talc-gateway",
     "font.size": 9,
@@ -66,45 +66,56 @@ _STYLE: dict[Any, Any] = {
 
 def still(data: ReportData, group: ChartGroup) -> str:
     """A group's charts below each other on one axis of local time, or of hours. SVG."""
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context(CHART_STYLE):
         heights = [1.2 if chart.low else 2.0 for chart in group.charts]
         tall = sum(heights) + 0.35 * len(heights) + 0.4
         figure = Figure(figsize=(10, tall))  # margins by hand: a layout engine would draw everything twice
         panels = figure.subplots(len(group.charts), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
         figure.subplots_adjust(left=0.075, right=0.99, top=1 - 0.3 / tall, bottom=0.45 / tall, hspace=0.3)
         for axes, chart in zip(panels, group.charts, strict=True):
-            _draw(axes, data, chart)
-        last = float(data.time_s[-1])
-        panels[-1].set_xlim(*_across(data, np.array([0.0, last if last > 0 else data.step_s])))
-        if data.origin_s is None:
-            locator = AutoDateLocator(tz=data.zone)  # type: ignore[no-untyped-call]
-            panels[-1].xaxis.set_major_locator(locator)
-            formatter = ConciseDateFormatter(locator, tz=data.zone)  # type: ignore[no-untyped-call]
-            panels[-1].xaxis.set_major_formatter(formatter)
-        else:
-            panels[-1].xaxis.set_major_formatter("{x:g} h")
+            draw_chart(axes, data, chart)
+        show_time(panels[-1], data)
         return _svg(figure, group.key)
 
 
-def _draw(axes: Axes, data: ReportData, chart: Chart) -> None:
+def show_time(axes: Axes, data: ReportData, *, named: bool = True) -> None:
+    """The run's whole time across a chart. named: with times below it"""
+    last = float(data.time_s[-1])
+    axes.set_xlim(*across(data, np.array([0.0, last if last > 0 else data.step_s])))
+    if data.origin_s is None:
+        locator = AutoDateLocator(tz=data.zone)  # type: ignore[no-untyped-call]
+        axes.xaxis.set_major_locator(locator)
+        axes.xaxis.set_major_formatter(ConciseDateFormatter(locator, tz=data.zone))  # type: ignore[no-untyped-call]
+    else:
+        axes.xaxis.set_major_formatter("{x:g} h")
+    if not named:
+        axes.tick_params(labelbottom=False)
+        axes.xaxis.get_offset_text().set_visible(False)
+
+
+def draw_chart(axes: Axes, data: ReportData, chart: Chart, *, legend: bool = True) -> None:
+    """A chart's lines, shaded spans and model updates."""
     for span in spans(data):
-        begin, end = _across(data, np.array([span.begin_s, span.end_s]))
+        begin, end = across(data, np.array([span.begin_s, span.end_s]))
         axes.axvspan(begin, end, color=_SHADE[span.phase], lw=0, zorder=0)
     for line in chart.lines:
-        shown, colour = line.thinned(_MOST_DOTS if line.kind == "dots" else _MOST_POINTS), _LIGHT[line.ink]
-        at = _across(data, shown.time_s)
+        shown, colour = line.thinned(_MOST_DOTS if line.kind == "dots" else _MOST_POINTS), INK_COLOURS[line.ink]
+        at = across(data, shown.time_s)
         if line.kind == "dots":
             axes.plot(at, shown.values, ".", color=colour, ms=3.5, label=line.label)
         else:
             style = "steps-post" if line.kind == "step" else "default"
             axes.plot(at, shown.values, color=colour, lw=1.1, drawstyle=style, label=line.label)
     for at_s in update_times(data):
-        axes.axvline(float(_across(data, np.array([at_s]))[0]), color=_UPDATE, lw=0.9, ls="--")
+        axes.axvline(float(across(data, np.array([at_s]))[0]), color=_UPDATE, lw=0.9, ls="--")
     axes.set_ylabel(f"{chart.title}, {chart.unit}" if chart.unit else chart.title)
-    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, fontsize=7.5, frameon=False, borderaxespad=0.1)
+    if legend:
+        axes.legend(
+            loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, fontsize=7.5, frameon=False, borderaxespad=0.1
+        )
 
 
-def _across(data: ReportData, seconds: FloatArray) -> FloatArray:
+def across(data: ReportData, seconds: FloatArray) -> FloatArray:
     """matplotlib's dates: days since 1970, UTC; of a recording without dates hours since its first row."""
     if data.origin_s is not None:
         return np.asarray((data.start_utc_s - data.origin_s + seconds) / _HOUR, dtype=np.float64)
@@ -125,7 +136,7 @@ def inputs_plot(data: ReportData) -> str:
     ]
     if not used:
         return ""
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context(CHART_STYLE):
         figure = Figure(figsize=(10, 0.9 + 0.24 * len(used)), layout="constrained")
         axes = figure.subplots()
         axes.grid(visible=False)
@@ -157,21 +168,21 @@ def picture(data: ReportData) -> bytes:
         raise ValueError("the picture is of a simulation, whose truth is known")
     cutting = ~data.truth.probing & data.truth_ran
     hours, said = data.truth.time_s[cutting] / 3600.0, Language(data.language)
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context(CHART_STYLE):
         figure = Figure(figsize=(9, 3), layout="constrained")
         axes = figure.subplots()
         for values, ink, key in (
             (data.truth.uncompensated_um, Ink.BEFORE, "without"),
             (data.truth.compensated_um, Ink.AFTER, "with"),
         ):
-            axes.plot(hours, values[cutting, 2], color=_LIGHT[ink], lw=0.9, label=said(f"report_line.{key}"))
+            axes.plot(hours, values[cutting, 2], color=INK_COLOURS[ink], lw=0.9, label=said(f"report_line.{key}"))
         measured = np.isfinite(data.measured).any(axis=1)
         at = data.time_s[measured] / 3600.0
         axes.plot(
             at,
             np.zeros(at.size),
             "|",
-            color=_LIGHT[Ink.MEASURED],
+            color=INK_COLOURS[Ink.MEASURED],
             ms=9,
             label=said("report_line.measurements", n=at.size),
         )

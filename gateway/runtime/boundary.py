@@ -6,6 +6,8 @@ from collections.abc import Awaitable
 from typing import TypeVar
 
 from drivers.base import DriverError
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text, text_of
 
 log = logging.getLogger(__name__)
 
@@ -21,8 +23,8 @@ class UnexpectedError(DriverError):
 
 def unexpected(error: Exception, operation: str, *, device: str = "") -> UnexpectedError:
     """The error that stands for `error`, which is to be its cause."""
-    text = f"unexpected {type(error).__name__} in {operation}: {error}"
-    return UnexpectedError(text, device=device, hint="please report it with the traceback in the log")
+    text = Text(NoticeCode.UNEXPECTED_IN, kind=type(error).__name__, operation=operation, error=text_of(error))
+    return UnexpectedError(text, device=device, hint=Text(NoticeCode.PLEASE_REPORT))
 
 
 async def contained(work: Awaitable[T], operation: str) -> T:

@@ -15,9 +15,11 @@ _PACKAGES = {
 
 
 def need_extra(extra: Extra) -> None:
-    """Raises click.UsageError where packages of an extra are not installed. Debian's package has `report` and `web`."""
+    """Raises click.UsageError where packages of an extra are not installed. Debian's package has `web`, and another one
+    `report`."""
     if missing := missing_of(extra):
-        raise click.UsageError(f"{', '.join(missing)} not installed; pip install 'talc-gateway[{extra}]'")
+        debian = "install the package talc-gateway-report, or " if extra == "report" else ""
+        raise click.UsageError(f"{', '.join(missing)} not installed; {debian}pip install 'talc-gateway[{extra}]'")
 
 
 def missing_of(extra: Extra) -> list[str]:

@@ -3,8 +3,10 @@
 import logging
 import os
 import sys
+from copy import copy
 from typing import Final, TextIO
 
+from gateway.model.text import Language, Text, language_wanted
 from gateway.runtime.terminal import printable
 
 _PRIORITIES: Final = ((logging.CRITICAL, 2), (logging.ERROR, 3), (logging.WARNING, 4), (logging.INFO, 6))
@@ -12,9 +14,17 @@ _PRIORITIES: Final = ((logging.CRITICAL, 2), (logging.ERROR, 3), (logging.WARNIN
 
 
 class _Printable(logging.Formatter):
-    """Without control characters: what devices and controls say must not reach a terminal as escape sequences."""
+    """In a language, without control characters: what devices and controls say must not reach a terminal as escape
+    sequences."""
+
+    def __init__(self, form: str, language: Language) -> None:
+        super().__init__(form)
+        self._language = language
 
     def format(self, record: logging.LogRecord) -> str:
+        if isinstance(record.args, tuple) and any(isinstance(value, Text) for value in record.args):
+            record = copy(record)  # other handlers have their own language
+            record.args = tuple(self._language.of(v) if isinstance(v, Text) else v for v in record.args or ())
         return "\n".join(printable(line) for line in super().format(record).split("\n"))
 
 
@@ -28,10 +38,11 @@ class _Journal(_Printable):
 
 
 def log_to_stderr(level: int) -> None:
-    """Log everything from `level` on."""
-    formatter: logging.Formatter = _Printable("%(asctime)s %(levelname)s %(name)s: %(message)s")
+    """Log everything from `level` on, in the language of the environment."""
+    language = Language(language_wanted(os.environ))
+    formatter: logging.Formatter = _Printable("%(asctime)s %(levelname)s %(name)s: %(message)s", language)
     if _is_journal(sys.stderr):
-        formatter = _Journal("%(name)s: %(message)s")
+        formatter = _Journal("%(name)s: %(message)s", language)
     handler = logging.StreamHandler()
     handler.setFormatter(formatter)
     logging.basicConfig(level=level, handlers=[handler])

@@ -5,13 +5,15 @@ import hmac
 import os
 from base64 import b64decode, b64encode
 from binascii import Error as NotBase64
-from collections import deque
+from collections import OrderedDict, deque
 from typing import Annotated
 
 import click
 from pydantic import AfterValidator
 
 from drivers.section import matching
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 
 _N, _R, _P = 2**14, 8, 1
 """16 MB and some 50 ms for each attempt (RFC 7914)."""
@@ -27,38 +29,55 @@ _LONGEST_S = 300.0
 """The longest pause."""
 _MOST = 20
 """Passwords that are checked within that time, of all names together: each takes a processor for some 50 ms."""
+_MOST_REMEMBERED = 1000
+"""Names and addresses."""
 _WITHIN_S = 60.0
 """The time within which they are counted."""
 
 
 class GuessingBrake:
-    """Slows down guessing. After five wrong passwords for a name the next one is not looked at for 1, 2, 4 … 300 s; a
-    right one ends that. Of all names together 20 a minute are checked.
+    """Slows down guessing, at every door. After five wrong passwords for a name, or from an address, the next one is
+    not looked at for 1, 2, 4 … 300 s; a right one ends that. Of all together 20 a minute are checked.
 
-    Times are monotonic seconds. Give it only names that exist, so that others cannot fill the memory.
+    Times are monotonic seconds.
     """
 
     def __init__(self) -> None:
-        self._wrong: dict[str, tuple[int, float]] = {}
-        """How many in a row, and until when the next one is not looked at."""
+        self._wrong = OrderedDict[str, tuple[int, float]]()
+        """By name or address: how many in a row, and until when the next one is not looked at."""
         self._checked_s = deque[float](maxlen=_MOST)
 
-    def wait_s(self, name: str, now_s: float) -> float:
-        """How long until a password for this name is checked; 0: now."""
-        _, until_s = self._wrong.get(name, (0, now_s))
+    def wait_s(self, name: str, now_s: float, address: str = "") -> float:
+        """How long until a password for this name from this address is checked; 0: now."""
+        until_s = max(self._wrong.get(who, (0, now_s))[1] for who in _who(name, address))
         many = len(self._checked_s) == _MOST
         return max(0.0, until_s - now_s, self._checked_s[0] + _WITHIN_S - now_s if many else 0.0)
 
-    def tried(self, name: str, now_s: float, *, right: bool) -> float:
-        """A password was checked; returns for how long the next one for this name is not looked at."""
-        self._checked_s.append(now_s)
-        if right:
-            self._wrong.pop(name, None)
-            return 0.0
-        many = self._wrong.get(name, (0, 0.0))[0] + 1
-        pause_s = 0.0 if many < _FREE else min(_FIRST_S * 2.0 ** min(many - _FREE, 20), _LONGEST_S)
-        self._wrong[name] = many, now_s + pause_s
-        return pause_s
+    def tried(self, name: str, now_s: float, *, right: bool, address: str = "", checked: bool = True) -> float:
+        """A password was found right or wrong; returns for how long the next one is not looked at.
+
+        checked: whether it took a processor; one for a name that nobody has does not, and then only the address counts
+        """
+        if checked:
+            self._checked_s.append(now_s)
+        longest_s = 0.0
+        for who in _who(name if checked else "", address):
+            if right:
+                self._wrong.pop(who, None)
+                continue
+            many = self._wrong.get(who, (0, 0.0))[0] + 1
+            pause_s = 0.0 if many < _FREE else min(_FIRST_S * 2.0 ** min(many - _FREE, 20), _LONGEST_S)
+            self._wrong[who] = many, now_s + pause_s
+            self._wrong.move_to_end(who)
+            longest_s = max(longest_s, pause_s)
+        while len(self._wrong) > _MOST_REMEMBERED:
+            self._wrong.popitem(last=False)
+        return longest_s
+
+
+def _who(name: str, address: str) -> tuple[str, ...]:
+    """What is counted; a name holds no colon."""
+    return (name, f":{address}") if address else (name,)
 
 
 def make_hash(password: str) -> str:
@@ -106,14 +125,13 @@ def hash_printed_by(command: str) -> AfterValidator:
 
     def check(text: str) -> str:
         if not is_hash(text):
-            expected = f"expected what `talc-gateway {command} --make-password` prints"
-            raise ValueError(f"{expected}, not the password itself")
+            raise ValueError(Text(NoticeCode.NOT_A_HASH, command=command))
         return text
 
     return AfterValidator(check)
 
 
-UserName = Annotated[str, matching(r"[^:\x00-\x1f]+", "a name without a colon")]
+UserName = Annotated[str, matching(r"[^:\x00-\x1f]+", NoticeCode.A_USER_NAME)]
 """The name of a user whose password hash is kept."""
 
 

@@ -9,6 +9,8 @@ from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from datetime import datetime
 
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 from gateway.runtime.clocks import ServiceClock
 from gateway.service.service_manager import ServiceManager
 
@@ -84,6 +86,6 @@ async def feed(manager: ServiceManager, every_s: float, clock: WatchedClock, sto
         if not stuck:
             manager.alive()
         elif stuck != told:
-            log.critical("systemd is no longer notified, because these loops are stuck: %s", ", ".join(stuck))
+            log.critical("%s", Text(NoticeCode.LOOPS_STUCK, loops=sorted(stuck)))
         told = stuck
         await asyncio.sleep(every_s)

@@ -9,11 +9,11 @@ from collections import deque
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
 from datetime import datetime
-from typing import assert_never
+from typing import Protocol, assert_never
 
 from gateway.acquisition.reload import ReloadError
 from gateway.model.codes import NoticeCode
-from gateway.model.commands import UNPROVED, Command, CommandName, CommandOutcome, Disarmed, Pause, Refusals
+from gateway.model.commands import BY_CAUTION, UNPROVED, Command, CommandName, CommandOutcome, Disarmed, Pause, Refusals
 from gateway.model.events import CommandGiven, EventReported, Sink
 from gateway.model.probing import Outlook
 from gateway.model.standing import Standing
@@ -30,8 +30,18 @@ _MOST = 20
 """Commands that are taken within that time, so that a program that repeats one does not fill the disk."""
 _WITHIN_S = 60.0
 """The time within which they are counted."""
-_BY_CAUTION = frozenset({CommandName.PAUSE, CommandName.DISARM})
-"""These only take away: they count although nothing can be stored, and however many were given."""
+
+
+class Orders(Protocol):
+    """What measures, for commands."""
+
+    def order(self) -> Outlook:
+        """Asks for a measurement, and returns how it stands."""
+        ...
+
+    def renew_reference(self, by: str) -> bool:
+        """Drops the reference, and returns whether there was one."""
+        ...
 
 
 AskReload = Callable[[], Awaitable[Text]]
@@ -47,7 +57,7 @@ class CommandTaker:
     Parameters
     ----------
     link: the control; None: there is none
-    measure_now: asks for a measurement, and returns how it stands
+    measuring: asks for measurements
     sink: receives CommandGiven and its event
     on_disk: returns when what the sink received so far can no longer be lost, or raises StoreError
     reload: None: there is no file to read again
@@ -56,13 +66,13 @@ class CommandTaker:
     def __init__(
         self,
         link: NcLink | None,
-        measure_now: Callable[[], Outlook],
+        measuring: Orders,
         clock: ServiceClock,
         sink: Sink,
         on_disk: Callable[[], Awaitable[None]],
         reload: AskReload | None = None,
     ) -> None:
-        self._link, self._measure_now, self._clock = link, measure_now, clock
+        self._link, self._measuring, self._clock = link, measuring, clock
         self._sink, self._on_disk = sink, on_disk
         self._reload = reload
         self._turn = asyncio.Lock()
@@ -78,13 +88,16 @@ class CommandTaker:
                 outcome = CommandOutcome(command, at, accepted=False, text=why)
                 self._report(outcome)
                 return outcome
-            if self._too_many(command, now_s):
+            too_many = self._too_many(now_s)
+            if too_many and command.name in BY_CAUTION and not refused and self._stands(command):
+                return CommandOutcome(command, at, *await self._obeyed(command, at))  # changes nothing: not stored
+            if too_many and (command.name not in BY_CAUTION or refused):
                 outcome = CommandOutcome(command, at, accepted=False, text=Text(NoticeCode.TOO_MANY_COMMANDS))
                 if (text := self._refusals.stored(outcome.text, now_s)) is not None:
                     self._report(replace(outcome, text=text))
                 return outcome
             self._taken_s.append(now_s)
-            if not refused and command.name not in _BY_CAUTION and (why := await self._unstored()):
+            if not refused and command.name not in BY_CAUTION and (why := await self._unstored()):
                 refused = Text(NoticeCode.NOT_STORABLE, why=why)
             accepted, text = (False, refused) if refused else await self._obeyed(command, at)
             outcome = CommandOutcome(command, at, accepted, text)
@@ -93,12 +106,13 @@ class CommandTaker:
                 outcome = replace(outcome, text=Text(NoticeCode.NOT_STORED_YET, text=text, why=why))
             return outcome
 
-    def _too_many(self, command: Command, now_s: float) -> bool:
-        """Whether there were too many; a pause or a disarming that changes something is always taken."""
+    def _too_many(self, now_s: float) -> bool:
+        return len(self._taken_s) == _MOST and now_s - self._taken_s[0] < _WITHIN_S
+
+    def _stands(self, command: Command) -> bool:
+        """Whether a pause or a disarming changes nothing."""
         link = self._link
-        standing = {} if link is None else {CommandName.PAUSE: link.paused, CommandName.DISARM: link.disarmed}
-        changes = command.name in standing and standing[command.name] is None
-        return len(self._taken_s) == _MOST and now_s - self._taken_s[0] < _WITHIN_S and not changes
+        return link is None or (link.paused if command.name is CommandName.PAUSE else link.disarmed) is not None
 
     async def _obeyed(self, command: Command, at: datetime) -> tuple[bool, Text]:
         """Whether it was obeyed, and what happens now or why nothing does."""
@@ -109,6 +123,8 @@ class CommandTaker:
         match command.name:
             case CommandName.MEASURE:
                 return self._measured(self._link)
+            case CommandName.REFERENCE:
+                return self._renewed(self._link, command.by)
             case CommandName.PAUSE:
                 return self._paused(self._link, Pause(command.by, at))
             case CommandName.RESUME:
@@ -128,12 +144,22 @@ class CommandTaker:
         except ReloadError as error:
             return False, Text(NoticeCode.NOT_RELOADED, why=text_of(error))
 
-    def _measured(self, link: NcLink) -> tuple[bool, Text]:
+    def _not_probed(self, link: NcLink) -> Text:
+        """Why no cycle can be requested at all; empty: one can."""
         if link.disarmed is not None:
-            return False, Text(NoticeCode.ARM_ENDS_THAT, order=link.disarmed.text)
-        if not link.may_probe:
-            return False, Text(NoticeCode.PROBING_NOT_ARMED)
-        outlook = self._measure_now()
+            return Text(NoticeCode.ARM_ENDS_THAT, order=link.disarmed.text)
+        return NOTHING if link.may_probe else Text(NoticeCode.PROBING_NOT_ARMED)
+
+    def _renewed(self, link: NcLink, by: str) -> tuple[bool, Text]:
+        if why := self._not_probed(link):
+            return False, why
+        renewed = self._measuring.renew_reference(by)
+        return True, Text(NoticeCode.REFERENCE_WHEN_IDLE if renewed else NoticeCode.REFERENCE_AWAITED)
+
+    def _measured(self, link: NcLink) -> tuple[bool, Text]:
+        if why := self._not_probed(link):
+            return False, why
+        outlook = self._measuring.order()
         if outlook.standing is Standing.ASKED:
             return True, Text(NoticeCode.MEASUREMENT_UNDER_WAY)
         if outlook.standing is Standing.BLOCKED:

@@ -7,6 +7,7 @@ from drivers.base import Quality, Reading
 from gateway.acquisition.board import Board
 from gateway.acquisition.reports import channel_bad
 from gateway.model.codes import NoticeCode
+from gateway.model.connection import Connection
 from gateway.model.control_state import NcState
 from gateway.model.events import DecisionMade, Health, HealthChecked, OutlookChanged, Sink, StoreHealth
 from gateway.model.probing import Outlook
@@ -32,6 +33,8 @@ class HealthWatch:
     store: its health
     synchronised: whether a time server keeps the clock; None: unknown
     sink: receives HealthChecked
+    telemetry: how it is connected; None: it is off
+    machine: its name
     """
 
     def __init__(
@@ -43,9 +46,12 @@ class HealthWatch:
         store: Callable[[], StoreHealth],
         synchronised: Callable[[], bool | None],
         sink: Sink,
+        telemetry: Callable[[], Connection | None] = lambda: None,
+        machine: str = "",
     ) -> None:
         self._step_s, self._board, self._link, self._clock = step_s, board, link, clock
-        self._store, self._synchronised, self._sink = store, synchronised, sink
+        self._store, self._synchronised, self._sink, self._telemetry = store, synchronised, sink, telemetry
+        self._machine = machine
         self._periodic = Periodic(clock, HEALTH_PERIOD_S)
         self._began_s: float | None = None
         self._outlook = Outlook(Standing.NOT_WANTED, None)
@@ -79,7 +85,7 @@ class HealthWatch:
         latest = {channel: found[channel].reading if channel in found else None for channel in self._board.channels}
         bad = {channel: reading for channel, reading in latest.items() if reading is None or not _good(reading)}
         nc, store, synchronised = self._nc(), self._store(), self._synchronised()
-        link = self._link
+        link, telemetry = self._link, self._telemetry()
         paused, disarmed = (None, None) if link is None else (link.paused, link.disarmed)
         return Health(
             uptime_s=now_s - self._began_s,
@@ -96,10 +102,12 @@ class HealthWatch:
                 *_measurement(self._outlook),
                 *((Text(NoticeCode.WAITS_STORAGE, problem=store.problem),) if store.problem else ()),
                 *((Text(NoticeCode.WAITS_TIME_SERVER),) if synchronised is False else ()),
+                *_others(telemetry, self._machine),
             ),
             store=store,
             paused=paused,
             disarmed=disarmed,
+            telemetry=telemetry,
         )
 
     def _nc(self) -> NcState:
@@ -140,6 +148,20 @@ def _channels(bad: dict[str, Reading | None]) -> tuple[Text, ...]:
     ]
     more = len(bad) - len(texts)
     return (*texts, *((Text(NoticeCode.MORE_CHANNELS, n=more),) if more else ()))
+
+
+def _others(telemetry: Connection | None, machine: str) -> tuple[Text, ...]:
+    """What keeps the others from hearing the gateway."""
+    if telemetry is None:
+        return ()
+    found = []
+    if telemetry.problem:
+        found.append(Text(NoticeCode.WAITS_TELEMETRY, since=telemetry.since, problem=telemetry.problem))
+    if telemetry.confirmed is False:
+        found.append(Text(NoticeCode.TELEMETRY_UNCONFIRMED, to=telemetry.to, machine=machine))
+    if telemetry.other:
+        found.append(Text(NoticeCode.TWO_OF_ONE_NAME, machine=machine, other=telemetry.other))
+    return tuple(found)
 
 
 def _measurement(outlook: Outlook) -> tuple[Text, ...]:

@@ -1,12 +1,17 @@
-"""Memory of the process: large blocks go back to the computer, and garbage collections spare what lasts."""
+"""Memory and descriptors of the process: large blocks go back to the computer, garbage collections spare what lasts,
+and what strangers may hold leaves enough for the devices."""
 
 import ctypes
 import gc
+import resource
 
 _M_MMAP_THRESHOLD = -3
 """From the GNU C library's malloc.h."""
 _BLOCK_BYTES = 128 * 1024
 """The library's own value at the start of a process (mallopt(3))."""
+
+_DESCRIPTORS = 4096
+"""Strangers hold at most some 200."""
 
 
 def give_back_large_blocks() -> None:
@@ -28,3 +33,11 @@ def freeze_gc() -> None:
     """
     gc.collect()
     gc.freeze()
+
+
+def raise_descriptors() -> None:
+    """Let the process open as many files and connections as its limits allow; the usual 1024 are few for it."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    most = _DESCRIPTORS if hard == resource.RLIM_INFINITY else min(_DESCRIPTORS, hard)
+    if soft != resource.RLIM_INFINITY and soft < most:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))

@@ -7,15 +7,17 @@ from gateway.config.consequences import unarmed
 from gateway.config.model import GatewayConfig
 from gateway.model.codes import NoticeCode
 from gateway.model.text import Text
-from gateway.runtime.terminal import counted
 from gateway.telemetry import keys
 
 
-def contents(config: GatewayConfig) -> str:
+def contents(config: GatewayConfig) -> Text:
     """The numbers of buses, devices, channels and machine states of the configuration."""
-    return (
-        f"{counted(len(config.buses), 'bus', 'buses')}, {counted(len(config.devices), 'device')}, "
-        f"{counted(len(config.channels), 'channel')}, {counted(len(config.states), 'machine state')}"
+    return Text(
+        NoticeCode.CONTENTS,
+        buses=len(config.buses),
+        devices=len(config.devices),
+        channels=len(config.channels),
+        states=len(config.states),
     )
 
 
@@ -25,26 +27,34 @@ def armed(config: GatewayConfig) -> Text:
     return Text(code, mode=config.compensation.mode)
 
 
-def opening(config: GatewayConfig) -> Iterator[str]:
+def opening(config: GatewayConfig) -> Iterator[Text]:
     """Lines for the log at the start and after a reload."""
-    yield (
-        f"talc-gateway {version('talc-gateway')} runs machine {config.machine.name}, configuration "
-        f"{config.fingerprint()[:16]}: {contents(config)}"
+    yield Text(
+        NoticeCode.MACHINE_RUNS,
+        version=version("talc-gateway"),
+        machine=config.machine.name,
+        fingerprint=config.fingerprint()[:16],
+        contents=contents(config),
     )
     for bus in config.buses:
         channels = sum(len(device.channels) for device in config.devices_of(bus.name))
-        yield f"bus {bus.name}: {bus.kind} at {bus.place}, {counted(channels, 'channel')} every {bus.period_s:g} s"
-    control = "none" if config.nc is None else f"{config.nc.kind} at {config.nc.address}"
-    yield f"control: {control}; {armed(config)}"
-    telemetry = config.telemetry
-    if telemetry.enabled:
-        places = [f"listening on {place.text}" for place in telemetry.listening]
-        places += [f"connecting to {place}" for place in telemetry.connect]
-        root = keys.root(telemetry.prefix, config.machine.name)
-        yield f"store: {config.storage.path}; published as {root}/**, {', '.join(places) or 'no endpoint'}"
+        yield Text(
+            NoticeCode.BUS_AT, bus=bus.name, kind=bus.kind, place=bus.place, channels=channels, period_s=bus.period_s
+        )
+    if config.nc is None:
+        yield Text(NoticeCode.CONTROL_NONE, armed=armed(config))
     else:
-        yield f"store: {config.storage.path}"
+        yield Text(NoticeCode.CONTROL_AT, kind=config.nc.kind, place=config.nc.address, armed=armed(config))
+    telemetry, store = config.telemetry, str(config.storage.path)
+    if telemetry.enabled:
+        places = [Text(NoticeCode.LISTENING_ON, place=place.text) for place in telemetry.listening]
+        places += [Text(NoticeCode.CONNECTING_TO, place=place) for place in telemetry.connect]
+        root = keys.root(telemetry.prefix, config.machine.name)
+        yield Text(NoticeCode.STORE_PUBLISHED, store=store, key=f"{root}/**", places=places or "no endpoint")
+    else:
+        yield Text(NoticeCode.STORE_AT, store=store)
     metrics = config.metrics
     if metrics.listen is not None:
-        yield f"metrics: {'https' if metrics.tls else 'http'}://{metrics.listen}/metrics"
+        url = f"{'https' if metrics.tls else 'http'}://{metrics.listen}/metrics"
+        yield Text(NoticeCode.METRICS_AT, url=url)
     yield from unarmed(config)

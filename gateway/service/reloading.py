@@ -9,12 +9,10 @@ from gateway.acquisition.reload import PreparedReload, ReloadError
 from gateway.config.file import load
 from gateway.config.problems import ConfigError
 from gateway.model.codes import NoticeCode
-from gateway.model.text import Text, plain
+from gateway.model.text import Text, text_of
 from gateway.service.service import Service
 
 log = logging.getLogger(__name__)
-
-_LONGEST_TEXT = 2000
 
 
 class Reloading:
@@ -46,7 +44,7 @@ class Reloading:
         try:
             prepared = await self._prepared(service)
         except (ConfigError, DriverError) as error:
-            raise ReloadError(plain(str(error)[:_LONGEST_TEXT])) from error
+            raise ReloadError(_text_of(error)) from error
         except ReloadError:
             raise
         except Exception as error:
@@ -73,15 +71,20 @@ class Reloading:
             try:
                 change = await service.reload(commanded or await self._prepared(service))
             except (ConfigError, DriverError, ReloadError) as error:
-                log.error("not reloaded; the previous configuration stays in use: %s", error)
-                self._tell(service, commanded, plain(str(error)[:_LONGEST_TEXT]))
+                log.error("%s", Text(NoticeCode.OLD_CONFIGURATION_STAYS, why=_text_of(error)))
+                self._tell(service, commanded, _text_of(error))
             except Exception as error:
                 log.exception("not reloaded; the previous configuration stays in use")
                 self._tell(service, commanded, Text(NoticeCode.RELOAD_UNEXPECTED, kind=type(error).__name__))
             else:
-                exchanged = ", ".join(change.started) or "none"
                 log.warning(
-                    "reloaded %s, fingerprint %s, buses exchanged: %s", self._path, service.fingerprint, exchanged
+                    "%s",
+                    Text(
+                        NoticeCode.RELOADED,
+                        file=str(self._path),
+                        fingerprint=service.fingerprint,
+                        buses=change.started or "none",
+                    ),
                 )
             self._applying = False
 
@@ -93,3 +96,7 @@ class Reloading:
         """Who gave the command was told that it is being applied."""
         if commanded is not None:
             service.tell(Text(NoticeCode.NOT_RELOADED, why=why))
+
+
+def _text_of(error: ConfigError | DriverError | ReloadError) -> Text:
+    return error.text if isinstance(error, ConfigError) else text_of(error)

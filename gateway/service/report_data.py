@@ -42,6 +42,8 @@ class Reader:
     """Only this one, from midnight to midnight in the zone; None: all that is stored."""
     language: str = "en"
     """Of the catalogue."""
+    tolerance_um: float | None = None
+    """Of the jobs; None: nobody has said."""
 
     @property
     def within(self) -> TimeSpan | None:
@@ -134,8 +136,16 @@ def collect(database: Path, truth: Path | None = None, reader: Reader | None = N
             stale=np.array([c.source in _WITHOUT_PREDICTION for c in compensation], dtype=np.bool_),
             sphere_m=(config.probing.sphere_radius_mm * 1e-3, config.probing.sphere_height_mm * 1e-3),
             mode=config.compensation.mode,
+            tolerance_um=reader.tolerance_um,
+            instruments=tuple(
+                (each.what, each.serial, _day(each.calibrated), _day(each.due)) for each in config.instruments
+            ),
             not_yet=() if earlier else not_yet(history, config, steps, health),
         )
+
+
+def _day(day: date | None) -> str:
+    return "" if day is None else day.isoformat()
 
 
 def _steps_within(within: TimeSpan | None, step_s: float) -> tuple[int, int]:
@@ -196,7 +206,12 @@ def _cycles(measurements: Sequence[StoredMeasurement], start: float, reference: 
     """The first that was used is the reference: several cycles, one after the other."""
     first = next((i for i, m in enumerate(measurements) if not m.reason), None)
     return tuple(
-        CycleSeen(m.ended.timestamp() - start, m.reason, reference if i == first else 1)
+        CycleSeen(
+            m.ended.timestamp() - start,
+            m.reason,
+            reference if i == first else 1,
+            (m.ended - m.asked).total_seconds() or math.nan,  # of a reference from elsewhere nothing is known
+        )
         for i, m in enumerate(measurements)
     )
 

@@ -1,5 +1,7 @@
 """`talc-gateway report`: makes a table and an HTML page from a database and, for a simulation, from the truth."""
 
+import hashlib
+from dataclasses import replace
 from pathlib import Path
 
 from gateway.model.text import Language
@@ -11,8 +13,17 @@ from gateway.runtime.terminal import terminal
 from gateway.service.report_data import Reader, collect, empty_page
 
 
-def write(database: Path, output: Path, truth: Path | None = None, reader: Reader | None = None) -> None:
-    """Print the table and write the page, and of a simulation a picture too. Raises StoreError: it cannot be read."""
+def write(
+    database: Path,
+    output: Path,
+    truth: Path | None = None,
+    reader: Reader | None = None,
+    paper: Path | None = None,
+) -> None:
+    """Print the table and write the page, and of a simulation a picture too. Raises StoreError: it cannot be read.
+
+    paper: the PDF to write; None: none
+    """
     console, reader = terminal(), reader or Reader()
     said = Language(reader.language)
     empty = empty_page(database, reader)
@@ -23,6 +34,12 @@ def write(database: Path, output: Path, truth: Path | None = None, reader: Reade
         if figures.rows:
             console.print(table(figures, said))
         output.write_text(build(data), encoding="utf-8")
+        if paper is not None:
+            from gateway.reporting.paper import write_paper  # only where it is asked for
+
+            with database.open("rb") as file:
+                write_paper(paper, replace(data, source=hashlib.file_digest(file, "sha256").hexdigest()))
+            console.print(said("report.written", file=str(paper)), soft_wrap=True)
         if data.truth is not None:
             output.with_suffix(".png").write_bytes(picture(data))
     else:

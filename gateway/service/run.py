@@ -13,11 +13,13 @@ from gateway.acquisition.wire_log import WireLogWriter
 from gateway.config.applied import ConfigurationApplied
 from gateway.config.model import GatewayConfig
 from gateway.config.packed import packed_toml
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text, text_of
 from gateway.runtime.clocks import RealClock
 from gateway.runtime.signals import stop_on_signals
 from gateway.runtime.workers.control_group import UndividedError, divide
 from gateway.service.alive import WatchedClock, feed
-from gateway.service.memory import freeze_gc, give_back_large_blocks
+from gateway.service.memory import freeze_gc, give_back_large_blocks, raise_descriptors
 from gateway.service.opening import opening
 from gateway.service.reloading import Reloading
 from gateway.service.service import Service
@@ -40,6 +42,7 @@ def run_service(config: GatewayConfig, path: Path, record: Path | None = None, r
     if logging.getLogger().level > logging.INFO:
         logging.getLogger("gateway").setLevel(logging.INFO)  # a service says what it does
     give_back_large_blocks()
+    raise_descriptors()
     _divide()
     manager = ServiceManager()
 
@@ -78,7 +81,7 @@ def run_service(config: GatewayConfig, path: Path, record: Path | None = None, r
             for task in beside:
                 task.cancel()
             await asyncio.gather(*beside, return_exceptions=True)
-        log.info("talc-gateway has ended after %.0f s", clock.monotonic() - began_s)
+        log.info("%s", Text(NoticeCode.ENDED_AFTER, s=clock.monotonic() - began_s))
 
     asyncio.run(main())
 
@@ -86,18 +89,16 @@ def run_service(config: GatewayConfig, path: Path, record: Path | None = None, r
 def _divide() -> None:
     try:
         if divide():
-            log.info(
-                "learning runs in its own control group, with a tenth of the gateway's processor time if both need it"
-            )
+            log.info("%s", Text(NoticeCode.LEARNING_APART))
     except UndividedError as error:
-        log.info("learning runs at a lower priority, but without its own control group: %s", error)
+        log.info("%s", Text(NoticeCode.LEARNING_BESIDE, why=text_of(error)))
 
 
 async def _tell_end(manager: ServiceManager, stop: asyncio.Event, running: Callable[[], GatewayConfig]) -> None:
     """Once `stop` is set, ask for the time that taking the offsets back may need."""
     await stop.wait()
     longest_s = stop_s(running())
-    log.info("stopping; this takes up to %.0f s", longest_s)
+    log.info("%s", Text(NoticeCode.STOPPING, most_s=longest_s))
     manager.stopping("stopping", longest_s)
 
 
@@ -128,4 +129,4 @@ def _wire_log(config: GatewayConfig, path: Path | None, most_mb: float) -> Itera
     ) as writer:
         yield writer
     if writer.dropped:
-        log.warning("%s: %d lines were lost: the disk was too slow", path, writer.dropped)
+        log.warning("%s", Text(NoticeCode.LINES_LOST, path=str(path), n=writer.dropped))

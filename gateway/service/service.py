@@ -19,10 +19,12 @@ from gateway.control.loop import GridLoop
 from gateway.control.measuring import Measuring
 from gateway.control.planned_loads import PlannedLoads
 from gateway.control.restart.earlier import EarlierRun
+from gateway.control.scenario import Scenarios
 from gateway.control.sensor_watch import SensorWatch
 from gateway.control.trainer import Trainings
 from gateway.model.codes import NoticeCode
 from gateway.model.commands import Command, CommandOutcome
+from gateway.model.connection import Connection
 from gateway.model.events import (
     CompensationStepped,
     DecisionMade,
@@ -50,7 +52,10 @@ from gateway.service.clock_watch import ClockWatch
 from gateway.service.command_taker import CommandTaker
 from gateway.service.health import HealthWatch
 from gateway.service.store_watch import StoreWatch
+from gateway.service.telemetry_watch import TelemetryWatch
 from gateway.storage.faults import StoreError
+from gateway.telemetry.answers import ScenarioPage
+from gateway.telemetry.scenario_queries import ScenarioRequest
 from talc.frame import EventKind
 
 log = logging.getLogger(__name__)
@@ -80,6 +85,7 @@ class Service:
     synchronised: whether a time server keeps the clock; None: unknown
     on_disk: returns when what the sink received so far can no longer be lost, or raises StoreError
     reload: reads the configuration again because a command says so; None: there is no file to read
+    telemetry: how it is connected; None: it is off
     """
 
     def __init__(
@@ -94,12 +100,13 @@ class Service:
         synchronised: Callable[[], bool | None] = lambda: None,
         on_disk: Callable[[], Awaitable[None]] = _nothing_to_wait_for,
         reload: Callable[["Service"], Awaitable[Text]] | None = None,
+        telemetry: Callable[[], Connection | None] = lambda: None,
     ) -> None:
         self._config, self._clock, self._tap = config, clock, tap
         self.parts = Parts()
         names, step_s = config.input_names, config.grid.step_s
         self.board = Board({c.name: c.period_s for c in config.channels})
-        sampler = GridSampler(names, step_s)
+        sampler = GridSampler(names, step_s, config.tolerance_state)
         self.events = Events(sink)
         publish, notify = self.events.publish, problems_to(self.events.publish)
         ages = Ages(clock, step_s, past.moment, past.pauses)
@@ -134,7 +141,9 @@ class Service:
                 stored=stored,
             )
         link = self.link
-        self._health = HealthWatch(step_s, self.board, link, clock, health, synchronised, publish)
+        self._health = HealthWatch(
+            step_s, self.board, link, clock, health, synchronised, publish, telemetry, config.machine.name
+        )
         self.events.subscribe(DecisionMade, self._health.decided)
         self.events.subscribe(OutlookChanged, self._health.outlook_changed)
         quantities = Quantities({channel.name for channel in config.channels}, self.board, clock)
@@ -164,7 +173,9 @@ class Service:
 
         self._clock_watch = ClockWatch(ages, clock, notify, remember)
         job, wanted = past.pending
-        measuring = Measuring(link, schedule_of(config.probing), config.probing, clock, publish, wanted)
+        plan = schedule_of(config.probing)
+        measuring = Measuring(link, plan, config.probing, clock, publish, wanted, anew=past.renewing)
+        self._scenarios = Scenarios(past.controller, planned, step_s)
         explanations = Explanations(past.controller, step_s, clock, publish, planned.changes)
         grid = GridLoop(
             past.controller,
@@ -179,9 +190,10 @@ class Service:
             (sensors.follow, planned.follow, explanations.follow),
         )
         period_s = max(_SHORTEST_LOOK_S, step_s / _LOOKS_PER_STEP)
+        to_others = TelemetryWatch(config.machine.name, telemetry, clock, notify)
         store_watch = StoreWatch(health, config.storage, clock, period_s, notify, publish)
         self._commands = CommandTaker(
-            link, measuring.order, clock, publish, on_disk, None if reload is None else partial(reload, self)
+            link, measuring, clock, publish, on_disk, None if reload is None else partial(reload, self)
         )
         self.parts.add(
             Part("grid", grid.run, works_s=WORK_S),
@@ -190,6 +202,7 @@ class Service:
             Part("storage", store_watch.run, works_s=WORK_S),
             Part("health", self._health.run, works_s=WORK_S),
             Part("clock", self._clock_watch.run, works_s=WORK_S),
+            *((Part("telemetry", to_others.run),) if config.telemetry.enabled else ()),
             *(() if link is None else (Part("nc", link.run, link.stop, WORK_S),)),
         )
 
@@ -228,7 +241,7 @@ class Service:
         self._config = prepared.new
         self.events.publish(ConfigurationApplied(prepared.new))
         log.info(
-            "configuration %s runs; buses exchanged: %s", self.fingerprint[:16], ", ".join(change.started) or "none"
+            "%s", Text(NoticeCode.CONFIGURATION_RUNS, fingerprint=self.fingerprint[:16], buses=change.started or "none")
         )
         return change
 
@@ -239,6 +252,12 @@ class Service:
         outcome = await self._commands.take(command, refused)
         self._health.report()
         return outcome
+
+    async def scenario(self, asked: ScenarioRequest) -> ScenarioPage:
+        """What becomes of the estimates under a load that somebody thinks of; see Scenarios."""
+        if not self.parts.running:
+            raise OSError("the gateway is starting or stopping; ask again")
+        return self._scenarios(asked, self._clock.utc())
 
     def tell(self, text: Text) -> None:
         """Report an event for people."""

@@ -5,6 +5,9 @@ import os
 import socket
 from collections.abc import Mapping
 
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text, text_of
+
 log = logging.getLogger(__name__)
 
 
@@ -44,4 +47,4 @@ class ServiceManager:
             try:
                 sender.sendto("\n".join(lines).encode(), self._address)
             except OSError as error:
-                log.warning("systemd could not be notified of %s: %s", lines[0], error)
+                log.warning("%s", Text(NoticeCode.SYSTEMD_UNREACHED, of=lines[0], error=text_of(error)))

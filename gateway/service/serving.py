@@ -58,7 +58,7 @@ async def serve(
     wire_log: records everything that passes on the wires
     reload: reads the configuration again because a command says so
 
-    Raises DriverError, StoreError, TelemetryError, or an exception group of them.
+    Raises DriverError, StoreError, or an exception group of them.
     """
     boot = boot_id()
     async with AsyncExitStack() as stack:
@@ -67,7 +67,7 @@ async def serve(
                 config.storage.path, lambda: _store(config, boot, clock), unwanted=Store.leave
             ).until(stop)
         if store is None:
-            log.warning("%s: stopped before it was open", config.storage.path)
+            log.warning("%s", Text(NoticeCode.STOPPED_EARLY, path=str(config.storage.path)))
             return
         stack.enter_context(store)
         past = await _past(store, config, clock, stop)
@@ -79,6 +79,7 @@ async def serve(
         prior = None if config.prior is None else (config.prior.content_hash, config.prior.text)
         store.begin(config.canonical(), config.fingerprint(), versions(*_WIRES), prior)
         events = Events(store.record)
+        publisher: TelemetryPublisher | None = None
         synchronised = (lambda: None) if simulated else clock_synchronised
 
         async def on_disk() -> None:
@@ -96,10 +97,11 @@ async def serve(
             synchronised,
             on_disk,
             reload,
+            lambda: None if publisher is None else publisher.connection,
         )
         if config.telemetry.enabled:
             reports = DayReports(config.storage.path, clock.utc, missing=missing_of("report"))
-            telemetry = TelemetryPublisher(
+            publisher = TelemetryPublisher(
                 config.telemetry,
                 config.machine.name,
                 config.input_names,
@@ -113,13 +115,20 @@ async def serve(
                 periods_missed=lambda: service.periods_missed,
                 clock_known=lambda: service.clock_known,
                 obey=service.obey,
+                scenario=service.scenario,
             )
-            events.subscribe_to_all((await stack.enter_async_context(telemetry)).publish)
+            events.subscribe_to_all((await stack.enter_async_context(publisher)).publish)
             stack.callback(reports.close)  # before the telemetry, which waits for its last answer
         if config.metrics.listen is not None:
             from gateway.service.metrics import GatewayFigures, MetricsServer  # loaded only where it is wanted
 
-            figures = GatewayFigures(config.machine.name, version("talc-gateway"))
+            figures = GatewayFigures(
+                config.machine.name,
+                version("talc-gateway"),
+                clock.utc,
+                lambda: service.periods_missed,
+                lambda: {} if publisher is None else publisher.dropped._asdict(),
+            )
             stack.enter_context(MetricsServer(config.metrics, config.telemetry.tls, figures))
             events.subscribe_to_all(figures.take)
         events.subscribe_to_all(SnapshotKeeper(past, store, config).take)

@@ -17,6 +17,7 @@ from gateway.nc.problems import still_wrong
 from gateway.runtime.terminal import duration_text, printable, terminal
 from gateway.runtime.time_service import clock_synchronised
 from gateway.service.opening import armed
+from gateway.service.telemetry_watch import SUBJECT as TELEMETRY
 from gateway.storage.answers import answered
 from gateway.storage.history import History
 from talc.frame import Event, EventKind
@@ -56,6 +57,12 @@ class Status:
     """Whether a time service has set this computer's clock."""
     well: bool
     """It runs, decides in time, every channel is good, and nothing is wrong with the control."""
+    telemetry: tuple[datetime, Text] | None = None
+    """Whether the telemetry is connected and to whom, or why not, and since when; None: it only listens, or is off."""
+    cycle: datetime | None = None
+    """Since when a probing cycle is asked for or runs; None: none. Do not restart the gateway meanwhile."""
+    applied: bool = True
+    """Whether the gateway runs by the configuration that is in the file; if not, reload it or restart the gateway."""
 
 
 def status_of(config: GatewayConfig, now: datetime, *, synchronised: bool = True) -> Status:
@@ -70,16 +77,23 @@ def status_of(config: GatewayConfig, now: datetime, *, synchronised: bool = True
     readings: dict[str, tuple[float | None, str, str]] = {}
     problems: tuple[tuple[datetime, Text], ...] = ()
     control: tuple[Text, ...] = ()
-    pause = disarmed = None
+    of_telemetry: list[tuple[datetime, Text]] = []
+    pause = disarmed = cycle = None
+    applied = True
     if answered(path, path.is_file):
         with History(path) as history:
             decision = history.latest_decision()
-            pause, disarmed = history.paused(), history.disarmed()
+            pause, disarmed, cycle = history.paused(), history.disarmed(), history.cycle_asked()
+            in_use = history.config()
+            applied = in_use is None or in_use[1] == config.fingerprint()
             if (moment := history.moment()) is not None:
                 lead_s = moment.lead_s
             longest_s = max((channel.period_s for channel in config.channels), default=step_s)
-            readings = history.latest_readings(now - timedelta(seconds=max(step_s, 3 * longest_s)))
-            control = still_wrong(plain(event.text) for _, event in history.troubles())
+            lately_s = max(step_s, 3 * longest_s + config.storage.commit_s)  # the newest are not on the disk yet
+            readings = history.latest_readings(now - timedelta(seconds=lately_s))
+            troubles = history.troubles()
+            control = still_wrong(plain(event.text) for _, event in troubles)
+            of_telemetry = [(at, plain(e.text)) for at, e in troubles if e.values.get("subject") == TELEMETRY]
             problems = _latest((at, e) for at, _, e in history.events((now - _RECENT, _NEVER)))
     usable = {quality.value for quality in Quality if quality.usable}  # a newer program may have stored other ones
     missing = tuple(name for name in channels if name not in readings or readings[name][2] not in usable)
@@ -99,6 +113,9 @@ def status_of(config: GatewayConfig, now: datetime, *, synchronised: bool = True
         control=control if running else (),
         problems=problems,
         clock_synchronised=synchronised,
+        telemetry=of_telemetry[-1] if running and of_telemetry else None,
+        cycle=cycle if running else None,
+        applied=applied or not running,
         well=running and age_s is not None and age_s <= _LATE_STEPS * step_s and not missing and not control,
     )
 
@@ -118,10 +135,20 @@ def as_json_text(status: Status) -> str:
     problems = [f"{at:%H:%M} {text}" for at, text in status.problems]
     told = [(at, text, *values_of(text)) for at, text in status.problems]
     coded = [{"at": at.isoformat(), "text": text, "code": code, "values": values} for at, text, code, values in told]
-    control = [{"text": text, "code": text.code, "values": json_of(text.values)} for text in status.control]
+    control = [_told(text) for text in status.control]
     fields = {field.name: getattr(status, field.name) for field in dataclass_fields(status)}
-    whole = fields | {"problems": problems, "problems_coded": coded, "control_coded": control}
+    fields["cycle"] = None if status.cycle is None else status.cycle.isoformat()
+    telemetry = (
+        None if status.telemetry is None else {"since": status.telemetry[0].isoformat()} | _told(status.telemetry[1])
+    )
+    whole = (
+        fields | {"telemetry": telemetry} | {"problems": problems, "problems_coded": coded, "control_coded": control}
+    )
     return json.dumps(whole, ensure_ascii=False)
+
+
+def _told(text: Text) -> dict[str, object]:
+    return {"text": text, "code": text.code, "values": json_of(text.values)}
 
 
 def written(status: Status, channels: int, said: Language) -> Iterator[str]:
@@ -137,6 +164,10 @@ def written(status: Status, channels: int, said: Language) -> Iterator[str]:
         yield said("status.disarmed", order=status.disarmed)
     if status.paused is not None:
         yield said("status.paused", order=status.paused)
+    if status.cycle is not None:
+        yield said("status.cycle", since=status.cycle)
+    if not status.applied:
+        yield said("status.not_applied")
     if not status.running and not status.readings:
         yield said("status.no_channels", all=channels)
     else:
@@ -144,13 +175,21 @@ def written(status: Status, channels: int, said: Language) -> Iterator[str]:
         for name in status.missing:
             quality = status.readings[name][2] if name in status.readings else _UNREAD
             yield said("status.channel", name=name, state=quality)
+    yield from _beside(status, said)
+    if not status.clock_synchronised:
+        yield said("status.clock")
+    yield from (f"  {at:%H:%M} {said.of(text)}" for at, text in status.problems)
+
+
+def _beside(status: Status, said: Language) -> Iterator[str]:
+    """The control and the network."""
     for text in status.control:
         yield said.of(text)
         if remedy := text.about("remedy", said.code):
             yield said("status.remedy", remedy=remedy)
-    if not status.clock_synchronised:
-        yield said("status.clock")
-    yield from (f"  {at:%H:%M} {said.of(text)}" for at, text in status.problems)
+    if status.telemetry is not None:
+        since, text = status.telemetry
+        yield said("status.telemetry", text=text, since=since)
 
 
 def _latest(events: Iterable[tuple[datetime, Event]]) -> tuple[tuple[datetime, Text], ...]:

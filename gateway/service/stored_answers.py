@@ -1,10 +1,12 @@
 """Answers queries on `history`, `course` and `stored` from the database, opened for reading at each query."""
 
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 
+from gateway.model.text import text_of
 from gateway.storage.block_pages import BlocksPage, blocks_page
 from gateway.storage.columns import CellKind
 from gateway.storage.course_pages import StoredReasons, course_between
@@ -25,8 +27,9 @@ from gateway.telemetry.answers import (
 )
 from gateway.telemetry.compose import reason_of_each
 from gateway.telemetry.history_queries import CourseRequest, CourseSource, HistoryRequest, HistorySource
-from gateway.telemetry.numbers import by_error, courses, finite
+from gateway.telemetry.numbers import by_error, columns_by_error, courses, finite
 from gateway.telemetry.stored_queries import StoredRequest, StoredSource
+from talc.frame import FloatArray
 
 
 def history_of(path: Path) -> HistorySource:
@@ -43,7 +46,7 @@ def history_of(path: Path) -> HistorySource:
                 else means_page(*wanted, asked.every_s, asked.after)
             )
         except StoreError as error:
-            raise OSError(str(error)) from error
+            raise OSError(text_of(error)) from error
         return HistoryPage(
             page.period_s, page.names, page.units, page.time, page.channel, page.value, page.quality, page.next
         )
@@ -64,21 +67,28 @@ def course_of(path: Path, step_s: float) -> CourseSource:
     def find(asked: CourseRequest) -> CoursePage:
         try:
             wanted = path, asked.begin, asked.end, asked.limit, step_s
-            found = course_between(*wanted, temperatures=asked.temperatures, reasons=asked.reasons)
+            found = course_between(*wanted, temperatures=asked.temperatures, reasons=asked.reasons, inputs=asked.inputs)
         except StoreError as error:
-            raise OSError(str(error)) from error
-        columns = np.round(found.temperatures, 2).T.tolist()
+            raise OSError(text_of(error)) from error
         return CoursePage(
             found.time.tolist(),
             courses(found.corrected, found.sigma),
             found.measured_time.tolist(),
             courses(found.measured, found.measured_sigma),
             [finite(value) for value in found.residual_um.tolist()],
-            {n: [finite(v) for v in column] for n, column in zip(found.temperature_names, columns, strict=True)},
+            _by_name(found.temperature_names, found.temperatures),
             [_reason(each) for each in found.reasons],
+            columns_by_error(found.left),
+            _by_name(found.other_names, found.others),
         )
 
     return find
+
+
+def _by_name(names: Sequence[str], values: FloatArray) -> dict[str, list[float | None]]:
+    """The columns of (n, t) numbers, to a hundredth."""
+    columns = np.round(values, 2).T.tolist()
+    return {name: [finite(v) for v in column] for name, column in zip(names, columns, strict=True)}
 
 
 def _reason(given: StoredReasons) -> StoredReason:
@@ -99,7 +109,7 @@ def rows_of(path: Path) -> StoredSource:
         try:
             found = rows_after(path, after, asked.limit)
         except StoreError as error:
-            raise OSError(str(error)) from error
+            raise OSError(text_of(error)) from error
         return StoredRows({table: _table(page) for table, page in found.items()})
 
     return find

@@ -14,6 +14,8 @@ from contextvars import ContextVar
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 from gateway.storage.faults import StoreError
 
 OnDisk = TypeVar("OnDisk")
@@ -121,10 +123,7 @@ class DiskWork(Generic[OnDisk]):
         return float("inf") if self._since_s is None else self._since_s + self._limit_s - time.monotonic()
 
     def _silent(self) -> StoreError:
-        return StoreError(
-            f"{self._path}: the disk does not answer (waited {self._limit_s:g} s): is it plugged in, is its network "
-            "there, does `dmesg` report errors of it? Mend or replace it, or give [storage] another path"
-        )
+        return StoreError(Text(NoticeCode.DISK_SILENT, path=str(self._path), limit_s=self._limit_s))
 
     def _outcome(self) -> OnDisk:
         if self._error is not None:

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -22,8 +23,8 @@ _TEMPERATURE = "degC"
 _MOST_MEASUREMENTS = 20_000
 """Rows that are looked at for one answer; of more, the latest."""
 
-_Measured = tuple[str, bytes, bytes | None, float | None]
-"""When it ended, errors, sigma and residual."""
+_Measured = tuple[str, bytes, bytes | None, float | None, bytes]
+"""When it ended, errors, sigma, residual, and what was in force."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,8 +60,14 @@ class StoredCourse:
     """Inputs in degC of the latest run; t of them, none unless they were asked for."""
     temperatures: FloatArray
     """(n, t) at the times of the estimates; NaN: no good value."""
-    reasons: tuple[StoredReasons, ...] = ()
+    reasons: tuple[StoredReasons, ...]
     """The latest of the span, oldest first; none unless they were asked for."""
+    other_names: tuple[str, ...]
+    """The other inputs of the latest run, such as loads; o of them, none unless they were asked for."""
+    others: FloatArray
+    """(n, o) likewise."""
+    left: FloatArray
+    """(m, 9) what each measurement found beyond what was predicted and in force; NaN: unknown."""
 
 
 def course_between(
@@ -72,6 +79,7 @@ def course_between(
     *,
     temperatures: bool = False,
     reasons: bool = False,
+    inputs: bool = False,
 ) -> StoredCourse:
     """The estimates from `begin` on and before `end`: of at most `most` equal parts of the span, each one's first; and
     the measurements that were used, evenly thinned to as many. If asked for, also the latest reasons, as many.
@@ -86,7 +94,11 @@ def course_between(
         found = list(_decisions(connection, first, behind, most))
         measured = _thinned(_measurements(connection, begin, end), most)
         given = _reasons(connection, begin, end, most, step_s) if reasons else ()
-        names, inputs = _temperatures(connection, [k for k, *_ in found]) if temperatures else ((), None)
+        at = [k for k, *_ in found]
+        nothing: tuple[tuple[str, ...], FloatArray] = (), np.empty((len(at), 0))
+        degrees = _inputs(connection, at, "temperatures") if temperatures else nothing
+        others = _inputs(connection, at, "others") if inputs else nothing
+        left = _left(connection, measured, step_s)
     return StoredCourse(
         np.array([k * step_s for k, *_ in found]),
         _nines([row[1] for row in found]),
@@ -95,9 +107,10 @@ def course_between(
         _nines([row[1] for row in measured]),
         _nines([row[2] for row in measured]),
         np.array([np.nan if row[3] is None else row[3] for row in measured], dtype=np.float64),
-        names,
-        np.empty((len(found), 0)) if inputs is None else inputs,
+        *degrees,
         given,
+        *others,
+        left,
     )
 
 
@@ -118,8 +131,8 @@ def _decisions(
 def _measurements(connection: sqlite3.Connection, begin: datetime, end: datetime) -> list[_Measured]:
     """Times are stored as text, in UTC, which sorts as they do."""
     rows = connection.execute(
-        "SELECT ended, errors, sigma, residual FROM measurement WHERE errors IS NOT NULL AND ended >= ? AND ended < ?"
-        f" ORDER BY id DESC LIMIT {_MOST_MEASUREMENTS}",
+        "SELECT ended, errors, sigma, residual, in_force FROM measurement"
+        f" WHERE errors IS NOT NULL AND ended >= ? AND ended < ? ORDER BY id DESC LIMIT {_MOST_MEASUREMENTS}",
         [time.astimezone(UTC).isoformat() for time in (begin, end)],
     )
     return rows.fetchall()[::-1]
@@ -154,13 +167,30 @@ def _thinned(rows: Sequence[_Measured], most: int) -> Sequence[_Measured]:
     return [rows[i] for i in np.linspace(0, len(rows) - 1, most).round().astype(int)]
 
 
-def _temperatures(connection: sqlite3.Connection, wanted: Sequence[int]) -> tuple[tuple[str, ...], FloatArray]:
+def _left(connection: sqlite3.Connection, measured: Sequence[_Measured], step_s: float) -> FloatArray:
+    """(m, 9) measured less predicted, by the decision on the step that took it over, which did not know it yet; all of
+    it where nothing was in force."""
+    found = _nines([row[1] for row in measured])
+    query = (
+        "SELECT d.predicted FROM frame f JOIN decision d ON d.k = f.k"
+        " WHERE f.k >= ? AND f.k < ? AND f.errors IS NOT NULL ORDER BY f.k LIMIT 1"
+    )
+    for left, (ended, *_, in_force) in zip(found, measured, strict=True):
+        if any(in_force):
+            k = int(datetime.fromisoformat(ended).timestamp() // step_s)
+            left -= _nines([row[0] if (row := connection.execute(query, (k, k + 3)).fetchone()) else None])[0]
+    return found
+
+
+def _inputs(
+    connection: sqlite3.Connection, wanted: Sequence[int], of: Literal["temperatures", "others"]
+) -> tuple[tuple[str, ...], FloatArray]:
     """Names and values (n, t) at these grid indices."""
     runs = connection.execute("SELECT id, config FROM boot ORDER BY number")
     own = {boot: inputs_of_config(config) for boot, config in runs}
     units = dict(connection.execute("SELECT name, unit FROM channel").fetchall())
     latest = next(reversed(own.values()), ())
-    names = tuple(name for name in latest if units.get(name) == _TEMPERATURE)
+    names = tuple(name for name in latest if (units.get(name) == _TEMPERATURE) == (of == "temperatures"))
     values = np.full((len(wanted), len(names)), np.nan)
     frame = "SELECT k, inputs, valid, errors, boot FROM frame WHERE k = ?"
     for into, k in zip(values, wanted, strict=True):

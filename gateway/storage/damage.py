@@ -166,8 +166,8 @@ def _check_decision(row: RawRow) -> None:
 
 
 def _check_measurement(row: RawRow) -> None:
-    _, number, why, _, ended, centres, in_force, errors, _, _, reason = row
-    rows.measurement_of((int(number), why, ended, centres, in_force, errors, reason))
+    _, number, why, asked, ended, centres, in_force, errors, _, _, reason = row
+    rows.measurement_of((int(number), why, ended, centres, in_force, errors, reason, asked))
 
 
 def _check_model(row: RawRow) -> None:

@@ -23,7 +23,7 @@ from gateway.storage.readings import EARLIER, counts
 from gateway.storage.schema import READABLE, SCHEMA_VERSION, unusable
 from gateway.storage.stored import StoredCompensation, StoredMeasurement, StoredRun, StoredStep
 from talc.explanation import Reasons
-from talc.frame import Event, EventKind, Frames
+from talc.frame import Event, EventKind, Frames, Why
 from talc.models import ModelSet
 from talc.names import THERMAL_ERRORS
 
@@ -113,6 +113,16 @@ class History:
         if self._has("request"):  # written before the cycle is requested; the measurement is written after it
             numbers = self._connection.execute("SELECT number FROM request").fetchall() or numbers
         return int(numbers[0][0]) if numbers else None
+
+    def cycle_asked(self) -> datetime | None:
+        """When the latest run asked for the probing cycle of which no end is stored; None: none is in progress."""
+        if not self._has("request"):
+            return None
+        open_ones = self._connection.execute(
+            "SELECT asked FROM request WHERE asked >= (SELECT began FROM boot ORDER BY number DESC LIMIT 1)"
+            " AND number NOT IN (SELECT number FROM measurement ORDER BY id DESC LIMIT 1)"
+        ).fetchall()
+        return datetime.fromisoformat(open_ones[0][0]) if open_ones else None
 
     def _has(self, table: str) -> bool:
         """Whether the table exists; not in a file of an earlier program."""
@@ -243,12 +253,17 @@ class History:
         return dict(self._connection.execute("SELECT name, unit FROM channel ORDER BY id").fetchall())
 
     def reference(self) -> StoredMeasurement | None:
-        """The first measurement that was used, the reference of all others."""
-        row = self._connection.execute(
-            f"SELECT {rows.MEASUREMENT_COLUMNS} FROM measurement WHERE errors IS NOT NULL AND centres IS NOT NULL"
-            " ORDER BY id LIMIT 1"
-        ).fetchone()
-        return None if row is None else rows.measurement_of(row)
+        """The measurement that errors count from: the first that was used, or the latest new reference for which a
+        person asked. That one has no errors while no step has taken it over: it is still to be measured, or again."""
+        row = self._connection.execute(f"SELECT {rows.MEASUREMENT_COLUMNS} FROM ({rows.REFERENCE})").fetchone()
+        if row is None:
+            return None
+        found = rows.measurement_of(row)
+        if found.why != Why.REFERENCE:
+            return found
+        taken = "SELECT count(*) FROM event WHERE kind = ? AND time >= ?"
+        given = EventKind.NEW_REFERENCE.value, _stored_time(found.ended)
+        return found if self._connection.execute(taken, given).fetchone()[0] else replace(found, errors=None)
 
     def measurements(self, within: TimeSpan | None = None) -> list[StoredMeasurement]:
         """Every probing cycle, or those that ended in a span, oldest first; `centres_mm` has three columns."""

@@ -1,5 +1,6 @@
 """Puts what another database had learnt into one that has no record yet."""
 
+import sqlite3
 from contextlib import closing, suppress
 from datetime import datetime
 from pathlib import Path
@@ -36,15 +37,20 @@ def import_learnt(path: Path, learnt: Learnt, text: str, now: datetime, *, repla
                     path.with_name(path.name + ending).rename(aside.with_name(aside.name + ending))
         make_schema(path)
         with closing(connect(path)) as connection, connection:
-            connection.execute("INSERT OR REPLACE INTO learnt VALUES (0, ?, ?)", (now.isoformat(), text))
-            connection.execute("DELETE FROM measurement")
-            if (reference := learnt.reference) is not None:
-                # It stays the first measurement, which all others are relative to.
-                row = rows.of_reference(reference)
-                connection.execute("INSERT INTO measurement VALUES (1, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", row)
+            put_learnt(connection, learnt, text, now)
     finally:
         lock.release()
     return aside
+
+
+def put_learnt(connection: sqlite3.Connection, learnt: Learnt, text: str, now: datetime) -> None:
+    """Put it into a database without a record. text: of the file that `learnt` is from"""
+    connection.execute("INSERT OR REPLACE INTO learnt VALUES (0, ?, ?)", (now.isoformat(), text))
+    connection.execute("DELETE FROM measurement")
+    if (reference := learnt.reference) is not None:
+        # It stays the first measurement, which all others are relative to.
+        row = rows.of_reference(reference)
+        connection.execute("INSERT INTO measurement VALUES (1, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", row)
 
 
 def _has_record(path: Path) -> bool:

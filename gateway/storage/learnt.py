@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.problems import shown
+from drivers.text import shown
 from gateway.storage.snapshot import ARRAY_KINDS
 from talc.control import ControllerState
 from talc.frame import FloatArray, Frames

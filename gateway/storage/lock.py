@@ -49,8 +49,12 @@ class FileLock:
     def _lock_file(self, path: Path) -> None:
         while True:
             try:
-                self._file = self._lock_path.open("w")
+                # A link that somebody put there would lead to a file of anybody's.
+                flags = os.O_WRONLY | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK
+                self._file = os.fdopen(os.open(self._lock_path, flags, 0o666), "w")
             except OSError as error:
+                if error.errno == errno.ELOOP:
+                    raise StoreError(f"{self._lock_path}: is a symbolic link; remove it") from error
                 raise StoreError(f"{path}: cannot be written: {error.strerror}") from error
             try:
                 fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)

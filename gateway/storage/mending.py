@@ -8,14 +8,21 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from itertools import count
 from pathlib import Path
+from typing import Any
 
 from gateway.model.codes import NoticeCode
 from gateway.model.commands import CommandName
 from gateway.model.text import Text, Value
+from gateway.storage import rows
 from gateway.storage.damage import RawRow, any_text, checked_columns, inputs_of_run, is_whole
 from gateway.storage.epochs import begin_epoch
+from gateway.storage.imported import put_learnt
+from gateway.storage.leaf_pages import rows_cut_off, rows_in_pages
+from gateway.storage.learnt import Learnt
+from gateway.storage.outside import newest_outside
 from gateway.storage.readings import MOST_BOOTS
 from gateway.storage.schema import NEW, UNREADABLE
+from talc.frame import Why
 
 _LEARNT = ("frame", "decision", "measurement", "model")
 _ALSO_LEARNT = ("trust", "reasons", "learnt")
@@ -34,7 +41,7 @@ class Known:
     first_k: int | None = None
     """The first of this run's steps; an earlier run's that was not read when this one began counts as lost."""
     reference: RawRow | None = None
-    """The first measurement that was used, the reference of all others; without its id."""
+    """The measurement that errors count from (rows.REFERENCE), without its id."""
     standing: dict[CommandName, RawRow] = field(default_factory=dict)
     """The command that stands until another one ends it; without its id."""
 
@@ -52,8 +59,15 @@ def mend(path: Path, why: str, now: datetime, known: Known) -> Text:
     with closing(sqlite3.connect(new)) as target:
         target.executescript(NEW)
         counts, lost = _copy(path, target)
+        outside = newest_outside(path)
+        if known.reference is None and outside is not None:
+            known.reference = _newer_reference(target, outside[1])
         _restore(target, known)
         begun = _settle(target, counts, reference_known=known.reference is not None)
+        copied = outside is not None and known.boot is None and (begun or _knows_more(outside[1], target))
+        if copied and outside is not None:
+            _forget(target, counts)
+            put_learnt(target, outside[1], outside[0], now)
         lost += _recounted(target, counts)
         begin_epoch(target)
         target.commit()
@@ -66,6 +80,9 @@ def mend(path: Path, why: str, now: datetime, known: Known) -> Text:
         path.rename(aside)
     new.replace(path)
     kept = ", ".join(f"{counts[table]} of {table}" for table in _LEARNT)
+    if copied:
+        told_why = " ".join(why.split())
+        return Text(NoticeCode.STORE_FROM_COPY, path=str(path), why=told_why, aside=aside.name)
     told: dict[str, Value] = {"path": str(path), "why": " ".join(why.split()), "aside": aside.name, "kept": kept}
     if lost:
         return Text(NoticeCode.STORE_BEGUN_LOST if begun else NoticeCode.STORE_MENDED_LOST, **told, lost=lost)
@@ -99,20 +116,58 @@ def _fresh(path: Path) -> Path:
 
 
 def _copy(source: Path, target: sqlite3.Connection) -> tuple[Counter[str], int]:
-    """How many rows of each table were read, and how many were found but are not values."""
-    counts, lost = Counter[str](), 0
+    """How many rows of each table were read, and how many were found but are not values.
+
+    Of a table that cannot be read to its end, the rows are also looked for in each page by itself.
+    """
+    counts, lost, torn, cut = Counter[str](), 0, set[str](), rows_cut_off(source)
     with closing(sqlite3.connect(source, timeout=10.0)) as connection:
         connection.text_factory = any_text
+        connection.execute(
+            "PRAGMA writable_schema = ON"
+        )  # else it reads nothing of a file that is shorter than it says
         for table in checked_columns():
             names = [str(name) for _, name, *_ in target.execute(f"PRAGMA table_info({table})")]
             insert = _insert(table, len(names))
-            for row in _all_that_can_be_read(connection, table, names):
-                if not is_whole(table, row):
+            for row in _all_that_can_be_read(connection, table, names, torn):
+                if not is_whole(table, row) or (row[0], len(row)) in cut:
                     lost += 1
                     continue
                 with suppress(sqlite3.IntegrityError):
                     counts[table] += target.execute(insert, row).rowcount
+    if torn:
+        columns = {table: kinds for table, kinds in checked_columns().items() if table in torn}
+        for number, values in rows_in_pages(
+            source, lambda some: any(_is_of(some, kinds) for kinds in columns.values())
+        ):
+            fitting = [table for table, kinds in columns.items() if _is_of(values, kinds)]
+            whole = [(table, row) for table in fitting if is_whole(table, row := (number, *values[1:]))]
+            if len(whole) == 1 and (number, len(values)) not in cut:
+                ((table, row),) = whole
+                with suppress(sqlite3.IntegrityError):
+                    counts[table] += target.execute(_insert(table, len(row)), row).rowcount
     return counts, lost
+
+
+def _newer_reference(target: sqlite3.Connection, learnt: Learnt) -> RawRow | None:
+    """The reference that was learnt, if the one that was read is an older one or none was."""
+    if learnt.reference is None:
+        return None
+    found = target.execute(rows.REFERENCE).fetchone()
+    number, why, *rest = rows.of_reference(learnt.reference)
+    if found is None:
+        return number, why, *rest
+    if datetime.fromisoformat(found[4]) >= learnt.reference.ended:
+        return None
+    return number, Why.REFERENCE.value, *rest  # counts before all that are older
+
+
+def _is_of(values: Sequence[Any], kinds: Sequence[tuple[tuple[type, ...], bool]]) -> bool:
+    """Whether these can be the values of a row whose number stands in its first column."""
+    if len(values) != len(kinds) or values[0] is not None or kinds[0][0] != (int,):
+        return False
+    rest = zip(values[1:], kinds[1:], strict=True)
+    return all(isinstance(value, kind) or (value is None and not required) for value, (kind, required) in rest)
 
 
 def _restore(target: sqlite3.Connection, known: Known) -> None:
@@ -125,10 +180,12 @@ def _restore(target: sqlite3.Connection, known: Known) -> None:
             target.execute("INSERT INTO command VALUES (NULL, ?, ?, ?, ?, ?)", given)
     if known.reference is None:
         return
-    found = target.execute("SELECT count(*) FROM measurement WHERE number = ?", known.reference[:1]).fetchone()
-    if not found[0]:
-        (first,) = target.execute("SELECT coalesce(min(id), 1) FROM measurement").fetchone()
-        target.execute(_insert("measurement", 1 + len(known.reference)), (first - 1, *known.reference))
+    number, why, asked, *_ = known.reference
+    same = "SELECT count(*) FROM measurement WHERE number = ? AND why = ? AND asked = ?"
+    if not target.execute(same, (number, why, asked)).fetchone()[0]:
+        (first, last) = target.execute("SELECT coalesce(min(id), 1), coalesce(max(id), 0) FROM measurement").fetchone()
+        place = last + 1 if why == Why.REFERENCE else first - 1  # one that was asked for is the latest of its kind
+        target.execute(_insert("measurement", 1 + len(known.reference)), (place, *known.reference))
 
 
 def _insert(table: str, columns: int) -> str:
@@ -155,7 +212,20 @@ def _settle(target: sqlite3.Connection, counts: Counter[str], *, reference_known
     (boots,) = target.execute("SELECT count(*) FROM boot").fetchone()
     if boots and (whole or reference_known):
         return False
-    # The first measurement is the reference of all others: with another one they would mean something else.
+    # All others count from the reference: with another one they would mean something else.
+    _forget(target, counts)
+    return True
+
+
+def _knows_more(learnt: Learnt, target: sqlite3.Connection) -> bool:
+    """Whether the record that is left has less than half of the measurements that were learnt from."""
+    (measured,) = target.execute("SELECT count(*) FROM frame WHERE errors IS NOT NULL").fetchone()
+    course = learnt.state.course
+    return bool(measured == 0 or (course is not None and 2 * measured < max(course.learner.mixture.count)))
+
+
+def _forget(target: sqlite3.Connection, counts: Counter[str]) -> None:
+    """Remove the record."""
     for table in (*_LEARNT, *_ALSO_LEARNT):
         target.execute(f"DELETE FROM {table}")
         counts[table] = 0
@@ -163,7 +233,6 @@ def _settle(target: sqlite3.Connection, counts: Counter[str], *, reference_known
         target.execute(f"DELETE FROM {table}")
     target.execute("DELETE FROM prior_of_boot")
     target.execute("DELETE FROM boot")
-    return True
 
 
 def _number_runs(target: sqlite3.Connection) -> None:
@@ -185,8 +254,13 @@ def _recounted(target: sqlite3.Connection, counts: Counter[str]) -> int:
     return removed
 
 
-def _all_that_can_be_read(source: sqlite3.Connection, table: str, names: Sequence[str]) -> Iterator[RawRow]:
-    """Rows in the order of their numbers; after a damaged page it continues with the next readable one."""
+def _all_that_can_be_read(
+    source: sqlite3.Connection, table: str, names: Sequence[str], torn: set[str]
+) -> Iterator[RawRow]:
+    """Rows in the order of their numbers; after a damaged page it continues with the next readable one.
+
+    torn: gets the table's name if it cannot be read to its end
+    """
     if table == "prior":  # has no row numbers
         with suppress(*UNREADABLE):
             yield from source.execute(f"SELECT {', '.join(names)} FROM {table}")
@@ -204,6 +278,7 @@ def _all_that_can_be_read(source: sqlite3.Connection, table: str, names: Sequenc
                 yield tuple(row)
             return
         except UNREADABLE:
+            torn.add(table)
             if failed_at == low:
                 low = _behind(lambda at: source.execute(query + " LIMIT 1", (at,)).fetchone(), low)
             else:  # once more: a disk that failed once has not damaged a page

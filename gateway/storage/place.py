@@ -3,6 +3,8 @@
 from os.path import samestat
 from pathlib import Path
 
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 from gateway.storage.faults import DamagedError, GoneError
 
 _MAGIC = b"SQLite format 3\0"
@@ -36,11 +38,11 @@ class PlaceWatch:
         try:
             self._seen = self._path.stat()
         except FileNotFoundError:
-            raise GoneError("the database was deleted while the gateway ran") from None
+            raise GoneError(Text(NoticeCode.DATABASE_DELETED)) from None
         if not samestat(before, self._seen):
-            raise GoneError("another file was put in its place while the gateway ran")
+            raise GoneError(Text(NoticeCode.DATABASE_EXCHANGED))
         if self._seen.st_size < before.st_size and self._seen.st_size < _expected_size(self._path):
-            raise DamagedError(f"it was cut to {self._seen.st_size} bytes while the gateway ran")
+            raise DamagedError(Text(NoticeCode.DATABASE_CUT, bytes=self._seen.st_size))
 
 
 def _expected_size(path: Path) -> float:

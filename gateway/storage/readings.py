@@ -15,8 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivers.base import Quality
+from gateway.model.codes import NoticeCode
 from gateway.model.reading_blocks import READING_ROW, pack
 from gateway.model.sample import Sample
+from gateway.model.text import Text
 from gateway.storage.faults import DamagedError
 
 log = logging.getLogger(__name__)
@@ -95,12 +97,7 @@ class Channels:
     def _tell_that_it_is_full(self, channel: str) -> None:
         if not self._is_full:
             self._is_full = True
-            log.error(
-                "the database has had %d channels, as many as it can number: channel %s and further new ones are not "
-                "stored; name a new file in [storage] path",
-                MOST_CHANNELS,
-                channel,
-            )
+            log.error("%s", Text(NoticeCode.CHANNELS_FULL, n=MOST_CHANNELS, channel=channel))
 
     def readings(self, boot: int, readings: Sequence[Sample]) -> list[tuple[object, ...]]:
         """Rows of `reading`: of the channels that have a number."""

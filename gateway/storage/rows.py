@@ -45,11 +45,20 @@ STEP_COLUMNS = (
 )
 """And `t.trusted`, or NULL from a file of an earlier program."""
 RUN_COLUMNS = "number, began, config, fingerprint, versions"
-MEASUREMENT_COLUMNS = "number, why, ended, centres, in_force, errors, reason"
+MEASUREMENT_COLUMNS = "number, why, ended, centres, in_force, errors, reason, asked"
 EVENT_COLUMNS = "time, k, kind, text, error, value, bound"
 CODE_OF_EVENT = ", ".join(f"(SELECT {name} FROM coded WHERE coded.text = event.text)" for name in ("code", "content"))
 COMPENSATION_COLUMNS = "time, mode, source, offsets, written"
 COMMAND_COLUMNS = "time, name, by, accepted, text"
+
+
+REFERENCE: Final = (
+    f"SELECT * FROM measurement WHERE why = '{Why.REFERENCE}' OR id ="
+    " (SELECT min(id) FROM measurement WHERE errors IS NOT NULL AND centres IS NOT NULL)"
+    f" ORDER BY why = '{Why.REFERENCE}' DESC, id DESC LIMIT 1"
+)
+"""The row of `measurement` that errors count from: the latest new reference for which a person asked, without errors
+while it is still to be measured; if there is none, the first that was used."""
 
 
 def _in_force(begins: CommandName, ends: CommandName) -> str:
@@ -126,6 +135,15 @@ def of_reference(first: Reference) -> Row:
     )  # fmt: skip
 
 
+def reference_of(row: Sequence[Any]) -> Reference | None:
+    """What a row of `measurement`, without its id, says of the reference; None: it is still to be measured."""
+    number, why, asked, ended, centres, in_force, errors, *_, reason = row
+    found = measurement_of((number, why, ended, centres, in_force, errors, reason, asked))
+    if found.centres_mm is None or found.errors is None:
+        return None
+    return Reference(found.ended, found.centres_mm, found.in_force_um, found.errors)
+
+
 def of_models(models: ModelSet, after_k: int) -> Row:
     """Row of `model`, without its id."""
     return after_k, models.fingerprint(), json.dumps(models.to_dict())
@@ -186,9 +204,10 @@ def step_of(row: Sequence[Any], adopted: Sequence[ModelSet]) -> StoredStep:
     )  # fmt: skip
     if trusted is not None:
         decision = replace(decision, trusted=_mask(trusted, len(THERMAL_ERRORS)))
-    # A frame with a new reference is told by what was decided of it: every strategy reports one.
+    # A frame with a new reference, or another tolerance, is told by what was decided of it.
     anew = any(event.kind is EventKind.NEW_REFERENCE for event in decision.events)
-    frame = Frame(k, inputs, _mask(valid, inputs.size), measurement, new_reference=anew)
+    stated = next((e.value for e in decision.events if e.kind is EventKind.TOLERANCE_STATED), None)
+    frame = Frame(k, inputs, _mask(valid, inputs.size), measurement, new_reference=anew, tolerance_um=stated)
     return StoredStep(frame, decision, training, tuple(adopted), trusted is not None)
 
 
@@ -233,10 +252,11 @@ def _pairs(values: Sequence[Sequence[Any]]) -> tuple[tuple[str, float], ...]:
 
 def measurement_of(row: Sequence[Any]) -> StoredMeasurement:
     """From MEASUREMENT_COLUMNS."""
-    number, why, ended, centres, in_force, errors, reason = row
+    number, why, ended, centres, in_force, errors, reason, asked = row
     return StoredMeasurement(
         number, why, datetime.fromisoformat(ended), None if centres is None else _array(centres).reshape(-1, 3),
         _array(in_force).reshape(-1, 3).squeeze(), None if errors is None else _array(errors), reason,
+        datetime.fromisoformat(asked),
     )  # fmt: skip
 
 

@@ -118,7 +118,11 @@ def unusable(path: Path, error: Exception) -> StoreError:
 def looks_like_a_database(path: Path) -> bool:
     """Whether a file that SQLite does not take for a database can be one with a damaged first page."""
     size = path.stat().st_size
-    return size > 0 and size % _PAGE == 0
+    if size > 0 and size % _PAGE == 0:
+        return True
+    with path.open("rb") as file:  # it may end within a page
+        begin = file.read(2 * _PAGE)
+    return begin.startswith(b"SQLite format 3\0") or b"CREATE TABLE boot" in begin
 
 
 def _columns_of(connection: sqlite3.Connection, table: str) -> set[str]:

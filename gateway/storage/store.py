@@ -8,12 +8,13 @@ committed in groups, after at most `commit_s`.
 import asyncio
 import sqlite3
 from collections.abc import Sequence
-from contextlib import AbstractContextManager, closing
+from contextlib import AbstractContextManager, closing, suppress
 from pathlib import Path
 from typing import Self, assert_never
 
 from drivers.base import Clock
 from gateway.config.applied import ConfigurationApplied
+from gateway.config.extended import stored_configuration
 from gateway.model.events import (
     CommandGiven,
     CompensationStepped,
@@ -34,21 +35,24 @@ from gateway.model.events import (
     StorageChanged,
     StoreHealth,
 )
-from gateway.model.text import NOTHING, Text
+from gateway.model.text import NOTHING, Text, text_of
 from gateway.model.wording import worded
 from gateway.storage import rows
 from gateway.storage.answers import long_work
 from gateway.storage.damage import unreadable_rows
 from gateway.storage.epochs import begin_epoch
 from gateway.storage.faults import DamagedError, StoreError
+from gateway.storage.learnt import Learnt
 from gateway.storage.lock import FileLock, link_followed
 from gateway.storage.mending import Known, begin_again, mend
+from gateway.storage.outside import write_outside
 from gateway.storage.readings import MOST_BOOTS, Channels, Pruning, Retention, last_boot
 from gateway.storage.schema import UNREADABLE, connect, is_damage, make_schema, unusable
 from gateway.storage.snapshot import Snapshot
 from gateway.storage.timing import WriterTiming
 from gateway.storage.waiting import WaitingKind
 from gateway.storage.writer import DatabaseWriter
+from talc.frame import Why
 
 _RETENTION = Retention()
 _CHANNEL = "INSERT OR IGNORE INTO channel VALUES (?, ?, ?)"
@@ -108,7 +112,7 @@ class Store:
                 if not (isinstance(error, DamagedError) or is_damage(error)):
                     raise
                 with long_work():
-                    mended = self._mend(str(error))
+                    mended = self._mend(text_of(error))
                 self._open()
         except UNREADABLE as error:
             self._lock.release()
@@ -123,7 +127,9 @@ class Store:
             hangs_after_s=hangs_after_s,
             silent_s=silent_s,
         )
-        self._writer = DatabaseWriter(path, timing, self._prune, self._mark, self._mend_and_number, mended)
+        self._writer = DatabaseWriter(
+            path, timing, self._prune, self._mark, self._mend_and_number, mended, self._keep_outside
+        )
 
     def _open(self) -> None:
         self.migrated_from = make_schema(self._path) or self.migrated_from
@@ -135,9 +141,7 @@ class Store:
             _remove_torn_step(connection)
             begin_epoch(connection)
             connection.commit()
-            reference = connection.execute(
-                "SELECT * FROM measurement WHERE errors IS NOT NULL AND centres IS NOT NULL ORDER BY id LIMIT 1"
-            ).fetchone()
+            reference = connection.execute(rows.REFERENCE).fetchone()
             standing = {name: connection.execute(query).fetchone() for name, query in rows.STANDING.items()}
             self._channels = Channels(connection.execute("SELECT id, name, unit FROM channel").fetchall())
         self._known.standing = {name: row for name, row in standing.items() if row is not None}
@@ -159,7 +163,7 @@ class Store:
             damaged = True
         if not damaged:
             raise unusable(self._path, error) if isinstance(error, UNREADABLE) else error
-        self._writer.mend(str(error), file)
+        self._writer.mend(text_of(error), file)
 
     def __enter__(self) -> Self:
         self._writer.start()
@@ -265,7 +269,8 @@ class Store:
             case MeasurementEnded(outcome):
                 self._put_codes(rows.of_texts(outcome.reason))
                 row = rows.of_outcome(outcome)
-                if self._known.reference is None and outcome.measurement is not None and outcome.centres_mm is not None:
+                measured = outcome.measurement is not None and outcome.centres_mm is not None
+                if outcome.why is Why.REFERENCE or (measured and self._known.reference is None):
                     self._known.reference = row
                 put(
                     "measurement",
@@ -324,6 +329,18 @@ class Store:
         row = snapshot.k, self._clock.utc().isoformat(), snapshot
         statement = f"INSERT OR REPLACE INTO snapshot VALUES ({slot}, ?, ?, zeroblob(?))"
         self._writer.put("snapshot", statement, [row], kind=WaitingKind.SNAPSHOTS)
+
+    def _keep_outside(self, snapshot: Snapshot) -> None:
+        """Called in the writer's thread. What is wrong with the disk shows in the database."""
+        if self._known.boot is None:
+            return
+        config, first = stored_configuration(str(self._known.boot[3])), None
+        if self._known.reference is not None:
+            first = rows.reference_of(self._known.reference)
+        with suppress(OSError):
+            write_outside(
+                self._path, Learnt(config.machine.name, config.talc.method, config.grid.step_s, snapshot.state, first)
+            )
 
     def _mend(self, why: str) -> Text:
         return mend(self._path, why, self._clock.utc(), self._known)

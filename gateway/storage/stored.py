@@ -31,6 +31,7 @@ class StoredMeasurement:
     in_force_um: FloatArray
     errors: FloatArray | None
     reason: str
+    asked: datetime
 
 
 @dataclass(frozen=True, slots=True)

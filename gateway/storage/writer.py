@@ -17,12 +17,12 @@ from pathlib import Path
 
 from gateway.model.codes import NoticeCode
 from gateway.model.events import StoreHealth
-from gateway.model.text import NOTHING, Text, failure
+from gateway.model.text import NOTHING, Text, failure, text_of
 from gateway.storage.damage import contradiction
 from gateway.storage.faults import DamagedError, GoneError, StoreError
 from gateway.storage.place import PlaceWatch
 from gateway.storage.schema import connect, is_damage
-from gateway.storage.snapshot import put_snapshots
+from gateway.storage.snapshot import Snapshot, put_snapshots
 from gateway.storage.timing import WriterTiming
 from gateway.storage.waiting import Item, Rows, Waiting, WaitingKind, tables_of
 
@@ -53,6 +53,7 @@ class DatabaseWriter:
     mend: sets a damaged file aside for a reason, begins another, and says so; called in the thread, which then has no
         connection
     mended: what became of a file that was damaged before
+    kept: called in the thread with each snapshot that was put into the database
     """
 
     def __init__(
@@ -63,7 +64,9 @@ class DatabaseWriter:
         end: Callable[[sqlite3.Connection], None],
         mend: Callable[[str], Text],
         mended: Text = NOTHING,
+        kept: Callable[[Snapshot], None] = lambda _: None,
     ) -> None:
+        self._kept_one = kept
         self._abandoned = False
         """The end did not wait any longer for the disk; the thread may still be in a call."""
         self._asked_s: float | None = None
@@ -255,7 +258,7 @@ class DatabaseWriter:
             if is_damage(error) or isinstance(error, GoneError) or self._to_mend:
                 kept_open.close()
                 self._kept = False
-                self._renew(self._to_mend or str(error))
+                self._renew(self._to_mend or text_of(error))
                 return True
         if last:
             return False
@@ -370,6 +373,9 @@ class DatabaseWriter:
         try:
             if item.kind is WaitingKind.SNAPSHOTS:
                 put_snapshots(connection, item.statement, item.rows)
+                for *_, snapshot in item.rows:
+                    if isinstance(snapshot, Snapshot):
+                        self._kept_one(snapshot)
             else:
                 connection.executemany(item.statement, item.rows)
         except _REFUSED as error:

@@ -69,6 +69,14 @@ class CoursePage(Struct, frozen=True):
     reasons: Annotated[
         list[StoredReason], Meta(description="Only if asked for: the latest of the span, up to `limit`, oldest first")
     ] = []
+    left: Annotated[
+        dict[str, list[Number]],
+        Meta(description="By thermal error, at each `measured_time`: found beyond the correction; null: unknown"),
+    ] = {}
+    inputs: Annotated[
+        dict[str, list[Number]],
+        Meta(description="Only if asked for: by input that is no temperature, in its unit, at each `time`"),
+    ] = {}
 
 
 class StoredColumn(Struct, frozen=True):
@@ -137,6 +145,22 @@ class ReportPage(Struct, frozen=True):
     day: Annotated[str, Meta(description="The local day")]
     zone: Annotated[str, Meta(description="Its time zone; empty: the gateway computer's")]
     page: Annotated[bytes, Meta(description="HTML that loads nothing from elsewhere, compressed with gzip")]
+
+
+class ScenarioPage(Struct, frozen=True):
+    """The answer to a query on `scenario`: what becomes of the learner's estimates if loads run for some minutes from
+    now on, and then are again as they are now. Each list has one number for each of `ahead_s`."""
+
+    time: Utc
+    k: Annotated[GridIndex, Meta(description="Step that it is made at")]
+    ahead_s: Annotated[tuple[float, ...], Meta(description="How far ahead, s")]
+    minutes: Annotated[float, Meta(description="How long the loads run")]
+    loads: Annotated[dict[str, float], Meta(description="By input, in its unit; empty: it has no such load")]
+    stays: Annotated[dict[str, PublishedCourse], Meta(description="By thermal error: if the inputs stay as they are")]
+    loaded: Annotated[
+        dict[str, PublishedCourse],
+        Meta(description="By thermal error: if the loads run; empty: it is not known yet what they do"),
+    ]
 
 
 class QueryRefused(Struct, frozen=True):

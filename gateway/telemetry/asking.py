@@ -1,6 +1,7 @@
 """A reader's questions: which gateways run, and what one of them answers to a query or a command."""
 
 import queue
+from collections.abc import Sequence
 from contextlib import suppress
 from typing import Final, TypeVar
 
@@ -9,7 +10,7 @@ from msgspec import Struct
 
 from gateway.model.codes import NoticeCode
 from gateway.model.commands import CommandName
-from gateway.model.text import text_of
+from gateway.model.text import Text, text_of
 from gateway.telemetry import keys
 from gateway.telemetry.answers import CommandAnswer, CommandTerms
 from gateway.telemetry.codec import decode_answer, decode_refusal
@@ -43,7 +44,7 @@ class Unanswered(OSError):
     """Nobody has answered in time."""
 
     def __init__(self, limit_s: float) -> None:
-        super().__init__(f"no answer within {limit_s:g} s")
+        super().__init__(Text(NoticeCode.QUERY_UNANSWERED, limit_s=limit_s))
 
 
 def running(session: zenoh.Session, prefix: str, limit_s: float) -> list[str]:
@@ -62,18 +63,22 @@ def ask(session: zenoh.Session, selector: str, answer: type[_Answer], limit_s: f
     return decode_answer(answer, _first(session, selector, limit_s).payload.to_bytes())
 
 
-def ask_only(session: zenoh.Session, selector: str, answer: type[_Answer], limit_s: float) -> _Answer:
-    """As `ask`, but waits a moment for others, and takes no answer when two gateways give one.
+def ask_only(sessions: Sequence[zenoh.Session], selector: str, answer: type[_Answer], limit_s: float) -> _Answer:
+    """As `ask` at all of these, but waits a moment for others, and takes no answer when two gateways give one.
 
     Raises SeveralAnswer then, else as `ask`.
     """
     every = zenoh.ConsolidationMode.NONE  # else one of several answers of one key is passed on
     replies = queue.Queue[zenoh.Reply | None]()
-    take = zenoh.handlers.Callback(replies.put, lambda: replies.put(None))
-    session.get(selector, take, timeout=limit_s, consolidation=every)
-    found, last, wait_s = dict[str, zenoh.Sample](), None, limit_s + _OTHERS_S
+    for session in sessions:
+        take = zenoh.handlers.Callback(replies.put, lambda: replies.put(None))
+        session.get(selector, take, timeout=limit_s, consolidation=every)
+    found, last, wait_s, asked = dict[str, zenoh.Sample](), None, limit_s + _OTHERS_S, len(sessions)
     with suppress(queue.Empty):  # one that has just gone is waited for by Zenoh itself, until the limit
-        while (reply := replies.get(timeout=wait_s)) is not None:
+        while asked:
+            if (reply := replies.get(timeout=wait_s)) is None:
+                asked -= 1
+                continue
             if reply.ok is not None:
                 found[str(reply.replier_id)], wait_s = reply.ok, _OTHERS_S
             last = reply
@@ -86,15 +91,17 @@ def ask_only(session: zenoh.Session, selector: str, answer: type[_Answer], limit
     raise Unanswered(limit_s)
 
 
-def command(session: zenoh.Session, root: str, by: CommandSigner, name: CommandName, limit_s: float) -> CommandAnswer:
+def command(
+    sessions: Sequence[zenoh.Session], root: str, by: CommandSigner, name: CommandName, limit_s: float
+) -> CommandAnswer:
     """Give the gateway whose keys begin with `root` a command; blocks for at most `limit_s`, twice.
 
     The answer may be a refusal. Raises OSError as `ask_only`, SeveralAnswer before anything is commanded; ValueError if
     what answers does not hold the operator's key.
     """
     key = f"{root}/{keys.COMMAND}"
-    signed = by.sign(name, ask_only(session, key, CommandTerms, limit_s), root.rpartition("/")[2])
-    found = _first(session, f"{key}/{name.value}", limit_s, signed.payload, signed.signature)
+    signed = by.sign(name, ask_only(sessions, key, CommandTerms, limit_s), root.rpartition("/")[2])
+    found = _first(sessions[0], f"{key}/{name.value}", limit_s, signed.payload, signed.signature)
     proof = found.attachment
     return signed.answered(found.payload.to_bytes(), b"" if proof is None else proof.to_bytes())
 

@@ -64,6 +64,11 @@ class Backlog:
             self._firm_bytes -= len(self._firm.popleft().payload)
             self.dropped_firm += 1
 
+    @property
+    def waiting(self) -> int:
+        """How many messages wait."""
+        return len(self._loose) + len(self._firm)
+
     def take(self) -> list[tuple[str, bytes]]:
         """The oldest, in order; waits for one, and then for those that follow it soon. Empty: it was closed and is."""
         with self._changed:

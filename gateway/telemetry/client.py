@@ -11,8 +11,10 @@ import numpy as np
 import zenoh
 
 from gateway.config.fields import DEFAULT_PREFIX, key_prefix, machine_name
+from gateway.model.codes import NoticeCode
 from gateway.model.commands import CommandName
 from gateway.model.reading_blocks import DamagedBlock
+from gateway.model.text import Text
 from gateway.telemetry import keys
 from gateway.telemetry.answers import CommandAnswer, HistoryPage
 from gateway.telemetry.asking import (
@@ -29,6 +31,7 @@ from gateway.telemetry.command_signer import CommandSigner
 from gateway.telemetry.history_tables import TimeTable, as_read, asked_s, interval_means
 from gateway.telemetry.messages import Published, StatusMessage
 from gateway.telemetry.queries import MOST_ROWS
+from gateway.telemetry.reaching import why_not
 from gateway.telemetry.session import Access, reader_config, reading_session
 
 if TYPE_CHECKING:
@@ -86,7 +89,7 @@ class Machine:
                 raise ValueError(f"{what} = {error}") from None
         self._name, self._prefix, self._limit_s = name, prefix, answer_limit_s
         self._connect = (connect,) if isinstance(connect, str) else tuple(connect)
-        self._config = reader_config(self._connect, access)
+        self._config, self._access = reader_config(self._connect, access), access
         self._session: zenoh.Session | None = None
         self._leaving = ExitStack()
         self._operator = operator
@@ -97,7 +100,8 @@ class Machine:
         where = ", ".join(self._connect)
 
         def refused(why: str) -> MachineError:
-            return MachineError(f"no answer at {where}. Is the gateway running? {why}")
+            cause = why_not(self._connect, self._access, why)
+            return MachineError(Text(NoticeCode.NO_ANSWER_AT, places=where, why=cause))
 
         with ExitStack() as stack:
             self._session = stack.enter_context(reading_session(self._config, refused))
@@ -321,6 +325,11 @@ class Machine:
         needs a restart."""
         return self.give(CommandName.RELOAD)
 
+    def new_reference(self) -> CommandAnswer:
+        """Have the sphere measured anew while no program runs, from where errors count from zero. Raises as
+        `measure_now`."""
+        return self.give(CommandName.REFERENCE)
+
     def give(self, name: CommandName) -> CommandAnswer:
         """Give a command, and return the answer of the gateway, which has stored it.
 
@@ -330,7 +339,7 @@ class Machine:
         if self._operator is None:
             raise MachineError("commands need an operator: Machine(..., operator=CommandSigner.of_file(NAME, FILE))")
         try:
-            answer = command(self.session, self.root, self._operator, name, max(self._limit_s, COMMAND_LIMIT_S))
+            answer = command([self.session], self.root, self._operator, name, max(self._limit_s, COMMAND_LIMIT_S))
         except (OSError, ValueError) as error:
             absent = isinstance(error, Unanswered)
             hint = "; does its configuration have [[telemetry.operator]]?" if absent else ""
@@ -342,7 +351,7 @@ class Machine:
     def _refuse_two(self) -> None:
         """Raises MachineError when two gateways answer."""
         try:
-            ask_only(self.session, f"{self.root}/{keys.STATUS}", StatusMessage, self._limit_s)
+            ask_only([self.session], f"{self.root}/{keys.STATUS}", StatusMessage, self._limit_s)
         except SeveralAnswer as error:
             raise MachineError(f"{self.name}: {error}") from error
         except OSError:  # it has none yet, or has gone again
@@ -351,7 +360,7 @@ class Machine:
     def _page(self, asked: dict[str, str]) -> HistoryPage:
         selector = f"{self.root}/{keys.HISTORY}?" + ";".join(f"{name}={value}" for name, value in asked.items())
         try:
-            return ask_only(self.session, selector, HistoryPage, self._limit_s)
+            return ask_only([self.session], selector, HistoryPage, self._limit_s)
         except OSError as error:
             raise MachineError(f"{self.name}: {error}") from error
 

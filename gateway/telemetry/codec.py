@@ -1,7 +1,7 @@
 """The published messages and the answers to queries as JSON: which type each kind of key has, and its coding."""
 
 from collections.abc import Mapping
-from typing import Final, TypeVar
+from typing import Any, Final, TypeVar, cast
 
 import msgspec
 from msgspec import Struct
@@ -16,6 +16,7 @@ from gateway.telemetry.answers import (
     HistoryPage,
     QueryRefused,
     ReportPage,
+    ScenarioPage,
     StoredRows,
 )
 from gateway.telemetry.fields import text_from
@@ -57,6 +58,7 @@ ANSWERS: Final[Mapping[str, type[Struct]]] = {
     keys.COURSE: CoursePage,
     keys.HISTORY: HistoryPage,
     keys.REPORT: ReportPage,
+    keys.SCENARIO: ScenarioPage,
     keys.STORED: StoredRows,
     keys.COMMAND: CommandAnswer,
     "command_terms": CommandTerms,
@@ -69,8 +71,10 @@ _UNDECODABLE = (msgspec.DecodeError, RecursionError)
 """The second: of brackets within brackets, also in a field that this version does not know."""
 
 _ENCODER = msgspec.json.Encoder(enc_hook=json_text)
-_REFUSAL_DECODER = msgspec.json.Decoder(QueryRefused)
-_DECODERS = {kind: msgspec.json.Decoder(type_) for kind, type_ in MESSAGE_TYPES.items()}
+_DECODERS: Final[Mapping[type[Struct], msgspec.json.Decoder[Any]]] = {
+    type_: msgspec.json.Decoder(type_) for type_ in (*MESSAGE_TYPES.values(), *ANSWERS.values())
+}
+"""Made before there are threads: msgspec crashes when one meets a type of which another is just finding the fields."""
 
 
 def encode(
@@ -78,6 +82,7 @@ def encode(
     | CoursePage
     | HistoryPage
     | ReportPage
+    | ScenarioPage
     | StoredRows
     | CommandTerms
     | CommandRequest
@@ -89,9 +94,12 @@ def encode(
 
 
 def decode_answer(answer: type[_Answer], payload: bytes) -> _Answer:
-    """The answer to a query. Raises ValueError naming type and field if the payload does not fit."""
+    """The answer to a query: one of `ANSWERS`, or the latest message.
+
+    Raises ValueError naming type and field if the payload does not fit.
+    """
     try:
-        return msgspec.json.decode(payload, type=answer)
+        return cast("_Answer", _DECODERS[answer].decode(payload))
     except _UNDECODABLE as error:
         raise ValueError(f"{answer.__name__}: {error}") from error
 
@@ -99,8 +107,8 @@ def decode_answer(answer: type[_Answer], payload: bytes) -> _Answer:
 def decode_refusal(payload: bytes) -> Text:
     """What an error reply says; the payload itself, if it is of another program."""
     try:
-        refused = _REFUSAL_DECODER.decode(payload)
-    except _UNDECODABLE:
+        refused = decode_answer(QueryRefused, payload)
+    except ValueError:
         return plain(payload.decode(errors="replace"))
     return text_from(refused.error, refused.coded)
 
@@ -110,10 +118,10 @@ def decode(suffix: str, payload: bytes) -> Published | None:
 
     Raises ValueError naming key and field if the payload does not fit the type.
     """
-    decoder = _DECODERS.get(keys.kind_of(suffix))
-    if decoder is None:
+    type_ = MESSAGE_TYPES.get(keys.kind_of(suffix))
+    if type_ is None:
         return None
     try:
-        return decoder.decode(payload)
+        return cast("Published", _DECODERS[type_].decode(payload))
     except _UNDECODABLE as error:
         raise ValueError(f"payload of {suffix}: {error}") from error

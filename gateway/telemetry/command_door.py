@@ -12,16 +12,17 @@ import secrets
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 
 from drivers.signature import is_signed, session_key, signature
 from gateway.model.codes import NoticeCode
-from gateway.model.commands import UNPROVED, Command, CommandName, CommandOutcome, Refusals
+from gateway.model.commands import BY_CAUTION, UNPROVED, Command, CommandName, CommandOutcome, Refusals
 from gateway.model.text import NOTHING, Text, plain
 from gateway.telemetry import keys
 from gateway.telemetry.answers import CommandAnswer, CommandRequest, CommandTerms
 from gateway.telemetry.codec import decode_answer, encode
 from gateway.telemetry.fields import coded
-from gateway.telemetry.queries import AskedQuery, Replied
+from gateway.telemetry.queries import AskedQuery, Replied, Work
 
 log = logging.getLogger(__name__)
 
@@ -96,12 +97,18 @@ class CommandDoor:
 
     def answer(self, asked: AskedQuery) -> Replied:
         """A gateway.telemetry.queries.Answering."""
+        found = self.sift(asked)
+        return found.answer() if isinstance(found, Work) else found
+
+    def sift(self, asked: AskedQuery) -> Replied | Work:
+        """A gateway.telemetry.queries.Sifting: only a command that is proved, and the few refusals that are stored, are
+        any work."""
         if asked.below:
             return self._command(asked)
         challenge = self._challenges.issue(self._monotonic())
         return Replied(encode(CommandTerms(self._machine, challenge, VALID_S, tuple(CommandName))))
 
-    def _command(self, asked: AskedQuery) -> Replied:
+    def _command(self, asked: AskedQuery) -> Work:
         if asked.below not in list(CommandName):
             raise ValueError(f"{asked.below!r}: expected one of {', '.join(CommandName)}")
         name = CommandName(asked.below)
@@ -112,8 +119,15 @@ class CommandDoor:
             operator, session = self._let_in(request, asked)
         except ValueError as error:
             why = plain(str(error)[:_LONGEST_REASON])
-            self._store_refusal(name, Text(NoticeCode.NOT_LET_IN, why=why, by=claimed) if claimed else why)
-            raise
+            stored = self._refusals.stored(
+                Text(NoticeCode.NOT_LET_IN, why=why, by=claimed) if claimed else why, self._monotonic()
+            )
+            if stored is None:
+                raise
+            return Work(partial(self._store_refusal, name, stored, error), urgent=False)
+        return Work(partial(self._given, name, request, operator, session), urgent=name in BY_CAUTION)
+
+    def _given(self, name: CommandName, request: CommandRequest, operator: Entitled, session: bytes) -> Replied:
         refused = NOTHING if name in operator.may else Text(NoticeCode.MAY_NOT, by=request.by)
         outcome = self._give(Command(name, request.by), refused)
         payload = encode(
@@ -148,11 +162,11 @@ class CommandDoor:
         self._challenges.use(request.challenge, self._monotonic())
         return operator, session
 
-    def _store_refusal(self, name: CommandName, why: Text) -> None:
-        """In nobody's name: a signature that was recorded and sent again proves no person either."""
-        if (text := self._refusals.stored(why, self._monotonic())) is not None:
-            with suppress(OSError):  # the gateway is starting or stopping
-                self._give(Command(name, UNPROVED), text)
+    def _store_refusal(self, name: CommandName, text: Text, error: ValueError) -> Replied:
+        """In nobody's name: a signature that was recorded and sent again proves no person either. Raises the error."""
+        with suppress(OSError):  # the gateway is starting or stopping
+            self._give(Command(name, UNPROVED), text)
+        raise error
 
     def _proved(self, request: CommandRequest, asked: AskedQuery) -> tuple[Entitled, bytes]:
         """Whose command this is, and the session's key. Raises ValueError, which does not tell names from keys."""
@@ -171,8 +185,5 @@ class CommandDoor:
         if now_s - self._told_s >= _TELL_EVERY_S:
             self._told_s = now_s
             log.warning(
-                "%s: %d commands without a valid key were refused so far, the last in the name of %.64r",
-                keys.COMMAND,
-                self._strangers,
-                by,
+                "%s", Text(NoticeCode.STRANGERS_REFUSED, key=keys.COMMAND, n=self._strangers, user=repr(by)[:64])
             )

@@ -64,6 +64,7 @@ from gateway.telemetry.numbers import by_error, columns_by_error, courses, finit
 from talc.explanation import Reasons
 from talc.forecast import Forecast, Misses, PlannedForecast
 from talc.frame import Decision, Event, Frame
+from talc.kinematics import CHAIN
 from talc.models import ErrorModel
 from talc.names import THERMAL_ERRORS
 from talc.sensor_check import Judgement
@@ -94,6 +95,8 @@ class GatewayState:
     """When they end, by field of the configuration."""
     planned_loads: tuple[str, ...] = ()
     """Their names."""
+    sphere_mm: tuple[float, float] | None = None
+    """Radius and height of the probing sphere."""
     decision: Decision | None = None
     """The latest."""
     outlook: Outlook | None = None
@@ -192,6 +195,8 @@ class Composer:
             certificates={name: ends.isoformat() for name, ends in state.certificates.items()},
             commands=state.commands,
             planned_loads=state.planned_loads,
+            kinematics=CHAIN,
+            sphere_mm=state.sphere_mm,
             version=self._version,
             key_space=keys.VERSION,
         )

@@ -12,7 +12,7 @@ _MOST_ESTIMATES = 2000
 _KNOWN = ("from", "to", "channels", "limit", "after", "every", "form")
 _MOST_IN_BLOCKS = 500_000
 """Readings of one page of blocks; each takes three to nine bytes there."""
-_ALSO = ("temperatures", "reasons")
+_ALSO = ("temperatures", "reasons", "inputs")
 """What a query on `course` may ask for besides."""
 _LONGEST_S = 3600
 _LONGEST_MINUTES_S = 86_400
@@ -56,6 +56,8 @@ class CourseRequest:
     """Whether the temperatures at the times of the estimates are wanted, too."""
     reasons: bool = False
     """Whether the learner's reasons are wanted, too."""
+    inputs: bool = False
+    """Whether the other inputs are wanted, too, such as loads."""
 
 
 CourseSource = Callable[[CourseRequest], CoursePage]

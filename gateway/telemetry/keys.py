@@ -32,6 +32,8 @@ HISTORY: Final = "history"
 """A query on it is answered with stored readings; nothing is published under it."""
 REPORT: Final = "report"
 """A query on it is answered with the report of a day; nothing is published under it."""
+SCENARIO: Final = "scenario"
+"""A query on it is answered with a forecast under a load that runs for some minutes; nothing is published under it."""
 STORED: Final = "stored"
 """A query on it is answered with the rows that follow a position in each table; nothing is published under it."""
 

@@ -301,6 +301,11 @@ class StatusMessage(Message, frozen=True):
     ] = ()
     unarmed_coded: Annotated[tuple[Coded | None, ...], Meta(description="Of each in `unarmed`")] = ()
     waits_for_coded: Annotated[tuple[Coded | None, ...], Meta(description="Of each in `waits_for`")] = ()
+    kinematics: Annotated[str, Meta(description="Axes from the workpiece to the tool; ' is on the table's side")] = ""
+    sphere_mm: Annotated[
+        tuple[float, float] | None,
+        Meta(description="[probing]: the sphere's radius and height"),
+    ] = None
 
 
 Published = (

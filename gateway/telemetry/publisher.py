@@ -18,6 +18,7 @@ from gateway.config.consequences import unarmed
 from gateway.config.telemetry import Telemetry as TelemetrySettings
 from gateway.model.codes import NoticeCode
 from gateway.model.commands import Command, CommandOutcome
+from gateway.model.connection import Connection
 from gateway.model.events import (
     CompensationStepped,
     DecisionMade,
@@ -26,18 +27,22 @@ from gateway.model.events import (
     OutlookChanged,
     StorageChanged,
 )
-from gateway.model.text import Text
+from gateway.model.text import Text, text_of
 from gateway.runtime.problems import Problems
 from gateway.telemetry import keys
+from gateway.telemetry.answers import ScenarioPage
 from gateway.telemetry.backlog import Backlog
 from gateway.telemetry.codec import encode
 from gateway.telemetry.command_door import CommandDoor, Entitled
 from gateway.telemetry.compose import Composer, Dropped, GatewayState, Keyed
+from gateway.telemetry.echo import Echo
 from gateway.telemetry.history_queries import CourseSource, HistorySource, course_answer, history_answer
 from gateway.telemetry.json_schema import schemas
+from gateway.telemetry.kept import Kept, KeptSession
 from gateway.telemetry.queries import Queries
 from gateway.telemetry.report_queries import ReportSource, report_answer
-from gateway.telemetry.session import TelemetryError, session_config, without_path
+from gateway.telemetry.scenario_queries import ScenarioRequest, scenario_answer
+from gateway.telemetry.session import own_access, session_config
 from gateway.telemetry.stored_queries import StoredSource, stored_answer
 
 log = logging.getLogger(__name__)
@@ -49,6 +54,9 @@ _MOST_FIRM_BYTES = 32_000_000
 """And as many bytes of them."""
 _GATHER_S = 0.05
 """How long a reading waits for others to leave with it."""
+_OPENS_S = 2.0
+"""How long the entry waits for the first attempt to open the session. It usually opens in half a second, and then
+whoever follows the gateway's start finds it open; nothing else waits for it."""
 _JSON = zenoh.Encoding.APPLICATION_JSON
 _MUST_ARRIVE = frozenset({keys.FRAME, keys.DECISION, keys.MEASUREMENT, keys.MODEL, keys.EVENT, keys.PROBING})
 """Kinds for which a slow subscriber makes the publishing thread wait instead of losing a sample."""
@@ -61,13 +69,21 @@ Obey = Callable[[Command, Text], Coroutine[object, object, CommandOutcome]]
 """Obeys a command in the event loop, or refuses it for the reason that is given. Raises OSError while nobody does."""
 
 
+Scenario = Callable[[ScenarioRequest], Coroutine[object, object, ScenarioPage]]
+"""Computes it in the event loop. Raises ValueError for what is not planned, OSError while there is no forecast."""
+_COMPUTED_WITHIN_S = 10.0
+
+
 class TelemetryPublisher:
     """Publishes every event, as an async context manager.
 
     A late subscriber gets the last value of every key by a query on `<prefix>/<machine>/**`; queries on
-    `schema/<kind>`, `history`, `course`, `report` and `stored` are answered too. When the network is slower than what
-    is published, the oldest readings, compensation steps and states are dropped and counted; of the rest the oldest
-    goes only beyond 20 000 messages or 32 MB, and is counted apart. A query larger than 1 MiB is not taken.
+    `schema/<kind>`, `history`, `course`, `report`, `scenario` and `stored` are answered too. When the network is slower
+    than what is published, the oldest readings, compensation steps and states are dropped and counted; of the rest the
+    oldest goes only beyond 20 000 messages or 32 MB, and is counted apart. A query larger than 1 MiB is not taken.
+
+    The session opens in the background, for ever: a router that is away or a wrong certificate holds up nothing. What
+    is published before waits within the same bounds, and is sent when the session has opened.
 
     Parameters
     ----------
@@ -84,8 +100,7 @@ class TelemetryPublisher:
     periods_missed: the number of missed periods by bus, for the status
     clock_known: whether the computer's clock is known to be right, for every message
     obey: obeys commands, or refuses them; None: each is refused until the gateway has started
-
-    Raises TelemetryError on entry if the session cannot be opened.
+    scenario: computes a scenario in the event loop; None: queries on `scenario` are refused
     """
 
     def __init__(
@@ -104,6 +119,7 @@ class TelemetryPublisher:
         periods_missed: Callable[[], Mapping[str, int]] = dict,
         clock_known: Callable[[], bool] = lambda: True,
         obey: Obey | None = None,
+        scenario: Scenario | None = None,
     ) -> None:
         self._settings, self._root = settings, keys.root(settings.prefix, machine)
         self._composer = Composer(boot, input_names, clock, simulated=simulated, clock_known=clock_known)
@@ -114,55 +130,68 @@ class TelemetryPublisher:
         self._last_lock = threading.Lock()
         self._thread = threading.Thread(target=self._send, name="telemetry", daemon=True)
         self._problems = Problems(SystemClock(), 1.0, lambda _: None, log)
-        self._session: zenoh.Session | None = None
+        kept = Kept(
+            lambda: session_config(settings), lambda: own_access(settings), settings.connect, settings.listening
+        )
+        self._kept = KeptSession(kept, self._opened)
+        self._echo = Echo(settings, self._root, boot)
         self._queries: tuple[Queries, ...] = (
             Queries(self._root, keys.HISTORY, None if history is None else history_answer(history)),
             Queries(self._root, keys.COURSE, None if course is None else course_answer(course)),
             Queries(self._root, keys.STORED, None if stored is None else stored_answer(stored)),
             Queries(self._root, keys.REPORT, None if report is None else report_answer(report)),
         )
+        self._undeclare: list[Callable[[], object]] = []
         self._schemas: dict[str, bytes] = {}
         self._machine = machine
-        self._obey = obey
+        self._obey, self._scenario = obey, scenario
 
     @property
-    def dropped(self) -> int:
-        """Readings, compensation steps and states that were not published because the network was too slow."""
-        return self._backlog.dropped_loose
+    def dropped(self) -> Dropped:
+        """What was not published because the network was too slow."""
+        return Dropped(self._backlog.dropped_loose, self._backlog.dropped_firm)
+
+    @property
+    def connection(self) -> Connection:
+        """Whether the session is open and connected, as it was found last."""
+        return self._echo.known(self._kept.connection)
+
+    async def tried(self, limit_s: float) -> None:
+        """Wait until the first attempt to open the session has ended, or for so long."""
+        await asyncio.to_thread(self._kept.tried, limit_s)
 
     async def __aenter__(self) -> Self:
-        try:
-            config = session_config(self._settings)
-        except OSError as error:
-            raise TelemetryError(f"telemetry: {error.filename} cannot be read: {error.strerror}") from error
-        try:
-            self._session = await asyncio.to_thread(zenoh.open, config)
-        except zenoh.ZError as error:
-            listening = [place.text for place in self._settings.listening]
-            where = ", ".join((*listening, *self._settings.connect)) or "no endpoints"
-            raise TelemetryError(
-                f"telemetry: no Zenoh session on {where}: {without_path(error)}. "
-                "Is another program listening there? `talc-gateway check` looks at certificates and passwords."
-            ) from error
         self._schemas = {f"{keys.SCHEMA}/{kind}": text.encode() for kind, text in schemas().items()}
-        self._queries = (*self._queries, *self._command_queries(asyncio.get_running_loop()))
+        loop = asyncio.get_running_loop()
+        self._queries = (*self._queries, self._scenario_queries(loop), *self._command_queries(loop))
         for queries in self._queries:
             queries.start()
-        self._queryables = [
-            *(self._session.declare_queryable(queries.declared, queries.take) for queries in self._queries),
-            self._session.declare_queryable(f"{self._root}/**", self._answer),
-        ]
-        self._token = self._session.liveliness().declare_token(f"{self._root}/{keys.ALIVE}")
-        self._thread.start()
+        self._kept.start()
+        self._echo.start()
+        await self.tried(_OPENS_S)
         return self
 
     async def __aexit__(self, *_: object) -> None:
         self._backlog.close()
-        await asyncio.to_thread(self._thread.join)
+        await asyncio.to_thread(self._echo.close)
+        await asyncio.to_thread(self._kept.stop)
+        if self._thread.ident is not None:
+            await asyncio.to_thread(self._thread.join)
         for queries in self._queries:
             await asyncio.to_thread(queries.close)
-        if self._session is not None:
-            await asyncio.to_thread(self._close, self._session)
+        await asyncio.to_thread(self._close)
+
+    def _opened(self, session: zenoh.Session) -> None:
+        """What has waited is sent before anybody hears that this gateway lives and asks for the last values."""
+        for key, answer in (
+            *((queries.declared, queries.take) for queries in self._queries),
+            (f"{self._root}/**", self._answer),
+        ):
+            self._undeclare.append(session.declare_queryable(key, answer).undeclare)
+        while self._backlog.waiting:
+            self._put_out(session, self._backlog.take())
+        self._undeclare.append(session.liveliness().declare_token(f"{self._root}/{keys.ALIVE}").undeclare)
+        self._thread.start()
 
     def _command_queries(self, loop: asyncio.AbstractEventLoop) -> tuple[Queries, ...]:
         """None without operators: then nothing listens for commands."""
@@ -171,7 +200,9 @@ class TelemetryPublisher:
             try:
                 operators[one.name] = Entitled(shared_key(one.key_file), frozenset(one.may))
             except (OSError, ValueError) as error:
-                log.error("commands of %s are refused: key_file '%s': %s", one.name, one.key_file, error)
+                log.error(
+                    "%s", Text(NoticeCode.KEY_REFUSED, user=one.name, file=str(one.key_file), error=text_of(error))
+                )
 
         def give(command: Command, refused: Text) -> CommandOutcome:
             if self._obey is None:
@@ -179,13 +210,20 @@ class TelemetryPublisher:
             return asyncio.run_coroutine_threadsafe(self._obey(command, refused), loop).result(_OBEYED_WITHIN_S)
 
         door = CommandDoor(self._machine, operators, give, time.monotonic)
-        return (Queries(self._root, keys.COMMAND, door.answer, below=True),) if self._settings.operators else ()
+        return (Queries(self._root, keys.COMMAND, sift=door.sift),) if self._settings.operators else ()
 
-    def _close(self, session: zenoh.Session) -> None:
-        self._token.undeclare()
-        for queryable in self._queryables:
-            queryable.undeclare()
-        session.close()
+    def _scenario_queries(self, loop: asyncio.AbstractEventLoop) -> Queries:
+        def computed(asked: ScenarioRequest) -> ScenarioPage:
+            if self._scenario is None:
+                raise OSError("this gateway does not learn")
+            return asyncio.run_coroutine_threadsafe(self._scenario(asked), loop).result(_COMPUTED_WITHIN_S)
+
+        return Queries(self._root, keys.SCENARIO, scenario_answer(computed))
+
+    def _close(self) -> None:
+        for undeclare in reversed(self._undeclare):  # the token first
+            undeclare()
+        self._kept.close()
 
     def publish(self, event: GatewayEvent) -> None:
         """A gateway.model.events.Sink: puts the event's messages into the queue."""
@@ -197,6 +235,7 @@ class TelemetryPublisher:
                 state.config, state.unarmed = config.fingerprint(), unarmed(config)
                 state.certificates = certificate_ends(config)  # a few small files: as the programs use them from now on
                 state.planned_loads = tuple(planned.name for planned in config.planned_loads)
+                state.sphere_mm = config.probing.sphere_radius_mm, config.probing.sphere_height_mm
             case DecisionMade(decision):
                 state.decision = decision
             case OutlookChanged(outlook):
@@ -212,8 +251,7 @@ class TelemetryPublisher:
             self._put_status()
 
     def _put_status(self) -> None:
-        dropped = Dropped(self._backlog.dropped_loose, self._backlog.dropped_firm)
-        self._put([self._composer.status(self._state, dropped, self._periods_missed())])
+        self._put([self._composer.status(self._state, self.dropped, self._periods_missed())])
 
     def _put(self, messages: Iterable[Keyed]) -> None:
         encoded = [(suffix, encode(message)) for suffix, message in messages]
@@ -223,17 +261,20 @@ class TelemetryPublisher:
             self._backlog.put(together, firm=firm)
 
     def _send(self) -> None:
-        session = self._session
+        session = self._kept.session
         while session is not None and (messages := self._backlog.take()):
-            for suffix, payload in messages:
-                must = keys.kind_of(suffix) in _MUST_ARRIVE
-                control = zenoh.CongestionControl.BLOCK if must else zenoh.CongestionControl.DROP
-                try:
-                    session.put(f"{self._root}/{suffix}", payload, encoding=_JSON, congestion_control=control)
-                except zenoh.ZError as error:
-                    self._problems.report(suffix, Text(NoticeCode.NOT_PUBLISHED, key=suffix, error=str(error)))
-                else:
-                    self._problems.clear(suffix, NoticeCode.PUBLISHED_AGAIN, key=suffix)
+            self._put_out(session, messages)
+
+    def _put_out(self, session: zenoh.Session, messages: Iterable[tuple[str, bytes]]) -> None:
+        for suffix, payload in messages:
+            must = keys.kind_of(suffix) in _MUST_ARRIVE
+            control = zenoh.CongestionControl.BLOCK if must else zenoh.CongestionControl.DROP
+            try:
+                session.put(f"{self._root}/{suffix}", payload, encoding=_JSON, congestion_control=control)
+            except zenoh.ZError as error:
+                self._problems.report(suffix, Text(NoticeCode.NOT_PUBLISHED, key=suffix, error=str(error)))
+            else:
+                self._problems.clear(suffix, NoticeCode.PUBLISHED_AGAIN, key=suffix)
 
     def _answer(self, query: zenoh.Query) -> None:
         """Reply with the last value of every requested key, or with schemas; called in one of Zenoh's threads."""

@@ -45,6 +45,22 @@ Answering = Callable[[AskedQuery], Replied]
 """Raises ValueError when what was asked is wrong, OSError when there is nothing to read from."""
 
 
+class Work(NamedTuple):
+    """What makes an answer, and takes its time."""
+
+    answer: Callable[[], Replied]
+    """Raises as `Answering`."""
+    urgent: bool
+    """Whether it has its own lane, in which it waits for no other work and is never refused because many wait."""
+
+
+Sifting = Callable[[AskedQuery], Replied | Work]
+"""Answers at once, or says what there is to do; quick. Raises as `Answering`."""
+
+
+_Waiting = tuple[zenoh.Query, AskedQuery, Work]
+
+
 class Queries:
     """Takes queries in Zenoh's threads and answers them in its own.
 
@@ -53,52 +69,83 @@ class Queries:
     root: with which the gateway's keys begin
     kind: of the key, the part behind it
     answer: where answers come from; None: every query is refused
-    below: whether there are keys below it, too
+    sift: looks at each query in Zenoh's thread first, so that only what it lets pass can fill the queue
     """
 
-    def __init__(self, root: str, kind: str, answer: Answering | None, *, below: bool = False) -> None:
+    def __init__(self, root: str, kind: str, answer: Answering | None = None, *, sift: Sifting | None = None) -> None:
         self.key, self._kind, self._source = f"{root}/{kind}", kind, answer
+        self._sift, below = sift, sift is not None
         self.declared = f"{self.key}/**" if below else self.key
         """Key expression to declare."""
-        self._waiting: queue.Queue[zenoh.Query | None] = queue.Queue(_MOST_WAITING)
+        self._waiting: queue.Queue[_Waiting | None] = queue.Queue(_MOST_WAITING)
+        self._urgent: queue.Queue[_Waiting | None] = queue.Queue()
         self._closed = threading.Event()
-        self._thread = threading.Thread(target=self._run, name=kind, daemon=True)
+        lanes = (self._waiting,) if sift is None else (self._waiting, self._urgent)
+        self._threads = [threading.Thread(target=self._run, args=(lane,), name=kind, daemon=True) for lane in lanes]
 
     def start(self) -> None:
-        """Start the thread."""
-        self._thread.start()
+        """Start to answer."""
+        for thread in self._threads:
+            thread.start()
 
     def close(self) -> None:
         """Answer no more; what waits is refused. Returns when the thread has ended."""
         self._closed.set()
         self._waiting.put(None)
-        self._thread.join()
+        self._urgent.put(None)
+        for thread in self._threads:
+            thread.join()
 
     def take(self, query: zenoh.Query) -> None:
         """Put a query into the queue; called by Zenoh. One that only matches by wildcards gets no reply."""
         if not keys.asks_for(self._kind, str(query.key_expr)) or not self._is_named_by(query):
             query.drop()
             return
+        asked = self._asked(query)
+        slow = Work(lambda: self._found(asked), urgent=False)
+        work = slow if self._sift is None else self._sifted(query, asked, self._sift)
+        if work is None:
+            return
         try:
-            self._waiting.put_nowait(query)
+            (self._urgent if work.urgent else self._waiting).put_nowait((query, asked, work))
         except queue.Full:
             with query:
                 self._refuse(query, f"busy: {_MOST_WAITING} queries are waiting already; ask again")
 
-    def _run(self) -> None:
-        while (query := self._waiting.get()) is not None:
+    def _sifted(self, query: zenoh.Query, asked: AskedQuery, sift: Sifting) -> Work | None:
+        """None: it is answered."""
+        found: Work | None = None
+
+        def at_once() -> Replied | None:
+            nonlocal found
+            result = sift(asked)
+            if isinstance(result, Work):
+                found = result
+                return None
+            return result
+
+        if self._reply(query, asked, at_once):
+            query.drop()
+        return found
+
+    def _found(self, asked: AskedQuery) -> Replied:
+        if self._source is None:
+            raise OSError("this gateway has no store")
+        return self._source(asked)
+
+    def _run(self, lane: "queue.Queue[_Waiting | None]") -> None:
+        while (waiting := lane.get()) is not None:
+            query, asked, work = waiting
             with query:
                 if self._closed.is_set():
                     self._refuse(query, "the gateway is stopping")
                 else:
-                    self._answer(query)
+                    self._reply(query, asked, work.answer)
 
-    def _answer(self, query: zenoh.Query) -> None:
+    def _reply(self, query: zenoh.Query, asked: AskedQuery, answer: Callable[[], Replied | None]) -> bool:
+        """Whether there was an answer, or a refusal."""
         try:
-            if self._source is None:
-                raise OSError("this gateway has no store")
-            asked = self._asked(query)
-            replied = self._source(asked)
+            replied = answer()
         except (ValueError, OSError) as error:
             self._refuse(query, text_of(error))
         except Exception as error:
@@ -107,8 +154,11 @@ class Queries:
                 query, f"unexpected {type(error).__name__}; please report it with the traceback in the gateway's log"
             )
         else:
+            if replied is None:
+                return False
             key = f"{self.key}/{asked.below}" if asked.below else self.key
             query.reply(key, replied.payload, encoding=_JSON, attachment=replied.attachment)
+        return True
 
     def _is_named_by(self, query: zenoh.Query) -> bool:
         """Whether a reply can have a key that the query is for."""

@@ -9,18 +9,25 @@ from pathlib import Path
 import zenoh
 
 from gateway.config.telemetry import Telemetry as TelemetrySettings
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 
 _LARGEST_QUERY = 1 << 20
 """Bytes: Zenoh's own default is 1 GiB. What is larger is dropped piece by piece, before it is put together."""
+_OPEN_MS = 4000
+"""How long a connection may take to open: what is away is found away in less than Zenoh's own 10 s."""
+_FROM_STRANGERS = {
+    "transport/unicast/max_sessions": 100,
+    "transport/unicast/accept_pending": 64,
+    "transport/unicast/accept_timeout": 3000,
+}
+"""How many may be connected, how many more may be about to, and for how many ms. Zenoh's own 1100, 10 s each, would
+take all descriptors."""
 _SENDING = ["put", "delete", "declare_queryable", "reply", "liveliness_token"]
 """What only the gateway itself does."""
 _READING = ["query", "declare_subscriber", "liveliness_query", "declare_liveliness_subscriber"]
 _TLS = "transport/link/tls"
 _LOGIN = "transport/auth/usrpwd"
-
-
-class TelemetryError(OSError):
-    """No session could be opened; the message names the endpoints and what to do."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,6 +65,7 @@ def session_config(settings: TelemetrySettings) -> zenoh.Config:
         "scouting/gossip/enabled": False,
         "timestamping/enabled": True,
         "transport/link/rx/max_message_size": _LARGEST_QUERY,
+        **_FROM_STRANGERS,
         "access_control": _rules(settings),
         **_proof(own_access(settings)),
     }
@@ -80,19 +88,19 @@ def reader_config(connect: Sequence[str], access: Access) -> zenoh.Config:
         return _config({**values, "connect/endpoints": list(connect)})
     except zenoh.ZError:
         shown = ", ".join(connect)
-        raise ValueError(f"connect = {shown!r}: expected Zenoh endpoints such as tcp/192.168.1.5:7447") from None
+        raise ValueError(Text(NoticeCode.CONNECT_FORM, value=repr(shown))) from None
 
 
-def page_config(settings: TelemetrySettings) -> zenoh.Config:
-    """Configuration of a program that reads all gateways at `connect`, with what the section says of certificates and
-    password, and tries those that are absent again without end. It listens nowhere. Raises OSError."""
+def page_config(settings: TelemetrySettings, place: str) -> zenoh.Config:
+    """Configuration of a program that reads all gateways at one place of `connect`, with what the section says of
+    certificates and password. Without a place, it finds others by multicast. It listens nowhere. Raises OSError."""
+    where: dict[str, object] = {"mode": "client", "connect/endpoints": [place]}
+    if not place:
+        where = {"mode": "peer", "listen/endpoints": []}
     return _config(
         {
-            "mode": "peer",
-            "listen/endpoints": [],
-            "connect/endpoints": list(settings.connect),
-            "connect/exit_on_failure": False,
-            "scouting/multicast/enabled": settings.multicast,
+            **where,
+            "scouting/multicast/enabled": not place and settings.multicast,
             "scouting/gossip/enabled": False,
             **_proof(own_access(settings)),
         }
@@ -172,6 +180,7 @@ def _control(
 def _config(values: Mapping[str, object]) -> zenoh.Config:
     """Without shared memory: what passes is small, and a session would not open where locking pages is denied."""
     config = zenoh.Config()
-    for key, value in {"transport/shared_memory/enabled": False, **values}.items():
+    usual = {"transport/shared_memory/enabled": False, "transport/unicast/open_timeout": _OPEN_MS}
+    for key, value in {**usual, **values}.items():
         config.insert_json5(key, json.dumps(value))
     return config

@@ -1,6 +1,7 @@
 """A recorded device's answers to each request, and the messages that it sent unasked. No wire, no clock.
 
-A repeated request gets the next of its recorded answers; after the last one the first follows again.
+A repeated request gets the next of its recorded answers; after the last one the first follows again, and
+those that were missing are left out: a silence comes once.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -56,8 +57,11 @@ class Script:
         return answer
 
     def _next(self, request: bytes) -> Sequence[TimedBytes]:
-        said = self.answers[request]
-        return said[self._turns.get(request, 0) % len(said)]
+        said, turn = self.answers[request], self._turns.get(request, 0)
+        if turn < len(said):
+            return said[turn]
+        again = [each for each in said if each] or said
+        return again[(turn - len(said)) % len(again)]
 
 
 def stream_script(events: Sequence[Passed]) -> Script:

@@ -17,6 +17,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+import hal
 import linuxcnc
 
 _LIMIT_S = 60.0
@@ -29,6 +30,7 @@ _LISTENS = "0A"
 class ControlScreen:
     def __init__(self) -> None:
         self.command, self.stat, self.errors = linuxcnc.command(), linuxcnc.stat(), linuxcnc.error_channel()
+        self.said: list[str] = []
         self.sampled: tuple[str, ...] = ()
         self.recorder: subprocess.Popen[bytes] | None = None
         self.sphere = _sphere() if Path("sphere.hal").exists() else None
@@ -41,7 +43,7 @@ class ControlScreen:
             if condition(self.stat):
                 return
             if time.monotonic() > deadline:
-                raise TimeoutError(f"{what}; the control says {self.errors.poll()}")
+                raise TimeoutError(f"{what}; the control says {self.messages()}")
             time.sleep(0.005)
 
     def switch_on(self) -> None:
@@ -71,7 +73,7 @@ class ControlScreen:
         self.until("MDI mode", lambda s: s.task_mode == linuxcnc.MODE_MDI)
         self.command.mdi(block)
         if self.command.wait_complete(_LIMIT_S) != linuxcnc.RCS_DONE:
-            raise RuntimeError(f"{block}: {self.errors.poll()}")
+            raise RuntimeError(f"{block}: {self.messages()}")
         # A block is done when its last setpoint is planned; the interpolator reaches it some servo periods later.
         self.until("axes where the block sent them", _arrived)
 
@@ -113,6 +115,14 @@ class ControlScreen:
         else:
             self.command.jog(linuxcnc.JOG_STOP, False, 0)
         self.until("X as commanded", lambda s: bool(s.axis[0]["velocity"]) == bool(speed))
+
+    def send_jog(self, speed: float, seconds: float) -> None:
+        """X by hand for a while, mm/s, in whatever mode the control is."""
+        self.command.teleop_enable(1)
+        time.sleep(0.05)
+        self.command.jog(linuxcnc.JOG_CONTINUOUS, False, 0, speed)
+        time.sleep(seconds)
+        self.command.jog(linuxcnc.JOG_STOP, False, 0)
 
     def listening(self, port: int) -> list[str]:
         """Listening addresses on this port, as the kernel writes them, in host byte order and hexadecimal."""
@@ -164,10 +174,14 @@ class ControlScreen:
 
     def messages(self) -> list[str]:
         """What LinuxCNC has reported to its operator since the last call."""
-        found = []
+        self.listen()
+        said, self.said = self.said, []
+        return said
+
+    def listen(self) -> None:
+        """Read what LinuxCNC reports, as every screen does: its task stops for 5 s at the 26th unread message."""
         while (message := self.errors.poll()) is not None:
-            found.append(message[1])
-        return found
+            self.said.append(message[1])
 
     def state(self) -> dict[str, Any]:
         self.stat.poll()
@@ -255,6 +269,10 @@ class ControlScreen:
             self.sampled = signals
 
     def hal(self, *words: str) -> str:
+        """As halcmd; a value is read here, as many are, and each halcmd is a program."""
+        if len(words) == 2 and words[0] in ("getp", "gets"):
+            value = hal.get_value(words[1])
+            return str(value).upper() if isinstance(value, bool) else repr(value)
         done = subprocess.run(["halcmd", *words], capture_output=True, text=True, timeout=_LIMIT_S, check=False)
         if done.returncode:
             raise RuntimeError(f"halcmd {' '.join(words)}: {done.stderr.strip()}")
@@ -325,6 +343,7 @@ VERBS = (
     "record",
     "recorded",
     "jog",
+    "send_jog",
     "listening",
     "greeting",
     "freeze",
@@ -336,6 +355,8 @@ VERBS = (
 
 
 def main() -> None:
+    component = hal.component("talc-screen")  # without one, no value can be read
+    component.ready()
     control = ControlScreen()
     verbs = {name: getattr(control, name) for name in VERBS}
     try:
@@ -345,12 +366,14 @@ def main() -> None:
                 verb, *arguments = json.loads(line)
                 try:
                     answer = {"answer": verbs[verb](*arguments)}
+                    control.listen()
                 except (KeyError, TypeError, RuntimeError, TimeoutError, linuxcnc.error) as error:
                     answer = {"error": repr(error)}
                 print(json.dumps(answer), file=answers, flush=True)
     finally:  # also when nobody reads the answers any more: the sphere's thread would keep LinuxCNC running
         if control.sphere is not None:
             control.sphere.stop()
+        component.exit()
 
 
 main()

@@ -32,7 +32,7 @@ class User:
 
 @dataclass(frozen=True, slots=True)
 class Security:
-    """Basic256Sha256 with SignAndEncrypt, and nothing else."""
+    """Policies of OPC UA 1.04 with SignAndEncrypt, and nothing else."""
 
     certificate: Path
     """The control's, .pem or .der; its application URI is APPLICATION_URI."""

@@ -50,6 +50,8 @@ class Move:
     """G functions in force."""
     spindle: str
     """"turns", "stands" or its angle."""
+    fluid: int
+    """7, 8, or 9: off."""
 
 
 @dataclass(slots=True)
@@ -82,6 +84,7 @@ class Axes:
     gap: Callable[[Floats], Floats]
     tool: int = 0
     spindle: str = "stands"
+    fluid: int = 9
     probe_on: bool = False
     """Without it the probe does not switch."""
     stuck: bool = False
@@ -131,7 +134,9 @@ class Axes:
             self.triggered = False
             samples = self._until_switched(samples, path.feed)
         met, rest = path.measures and self.triggered, self._from_rest
-        self.moves.append(Move(samples, path.measures, met, path.feed, rest, self.tool, path.modal, self.spindle))
+        self.moves.append(
+            Move(samples, path.measures, met, path.feed, rest, self.tool, path.modal, self.spindle, self.fluid)
+        )
         self.position = dict(zip(AXES, map(float, samples[-1]), strict=True))
         self._from_rest = path.exact
         self.after(len(self.moves) - 1)

@@ -30,9 +30,9 @@ from simulators.nc.synchronised import ProgramAlarm
 from simulators.nc.words import AXES, LONGEST_PROGRAM_NAME, PROCEDURES, TYPES, Tokens, check_name
 
 _NUMBERED = re.compile(r"([GMD])(\d+)")
-M_CODES: Final = frozenset({6})
-"""Tool change."""
-_VALUED: Final = ("T", "D", "DL", "F", "MEAS", "SPOS")
+M_CODES: Final = frozenset({3, 4, 5, 6, 7, 8, 9})
+"""Spindle, tool change, cutting fluid."""
+_VALUED: Final = ("T", "D", "DL", "F", "MEAS", "SPOS", "S", "SVC")
 
 
 def read_program(text: str) -> Program:
@@ -235,7 +235,7 @@ class _Reader:
         "GOTOF": _goto,
         "MSG": _message,
         **dict.fromkeys(PROCEDURES, _ask),
-        **dict.fromkeys(("STOPRE", "RET", "M17", "M0"), _word),
+        **dict.fromkeys(("STOPRE", "RET", "M17", "M0", "WAITS"), _word),
     }
 
 

@@ -18,11 +18,14 @@ from simulators.nc.modal import Modal, group_of
 from simulators.nc.motion import path_of
 from simulators.nc.operating import Frames, Told
 from simulators.nc.readings import reading
+from simulators.nc.spindle import Spindle
 from simulators.nc.synchronised import ProgramAlarm, SystemVariable
 from simulators.nc.tools import Tools
 from simulators.nc.words import AXES
 
 _R_COUNT: Final = 137
+ALARM_SHOWN: Final = 0x200
+"""Of $AC_ALARM_STAT: told to the PLC and shown, and nothing stops."""
 
 
 class _Return(Exception):
@@ -81,6 +84,7 @@ class Channel:
         ahead: int = 1000,
     ) -> None:
         self.axes, self.tools, self.ahead = axes, tools, ahead
+        self.spindle = Spindle(axes)
         self.told, self.modal, self.frames = Told(), Modal(), Frames()
         self.modal.switch("G710")
         self.feed = 0.0
@@ -107,6 +111,8 @@ class Channel:
         missing = [axis for axis in AXES if not self.axes.homed[axis]]
         if missing and self.told.start_lock:
             raise ProgramAlarm(f"NC start: {missing[0]} is not referenced (MD20700)")
+        if self.told.alarm & ~ALARM_SHOWN:
+            raise ProgramAlarm("NC start: an alarm stops the program")
         self._end = dict(self.axes.position)
         try:
             self._run(self.programs[name], ())
@@ -182,6 +188,8 @@ class Channel:
             if self.modal.codes[7] != "G40":
                 raise ProgramAlarm("STOPRE within a contour with radius compensation")
             self._stop()
+        elif statement.word == "WAITS":
+            self._put(self.spindle.wait)
         elif statement.word == "M0":
             self._stop()
             self.halted()
@@ -238,12 +246,11 @@ class Channel:
             self.feed = float(converted(values["F"], "REAL"))
             if self.feed <= 0.0:
                 raise ProgramAlarm("14800: F is 0 or less")
-        if "SPOS" in values:
-            self._put(partial(self._turn_spindle, float(converted(values["SPOS"], "REAL"))))
+        self._spindle_words(values)
         if "T" in values:
             self._put(self.tools.select(int(converted(values["T"], "INT"))))
-        for _ in block.m:
-            self._put(self.tools.change())
+        for code in block.m:
+            self._m(code)
         if "D" in values:
             self.tools.cut(int(converted(values["D"], "INT")))
         if "DL" in values:
@@ -259,9 +266,26 @@ class Channel:
         self.modal.codes.update(codes)
         if self.modal.codes[15] != kind:
             self.feed = 0.0
+            self.spindle.left_constant_cutting()
 
-    def _turn_spindle(self, to_deg: float) -> None:
-        self.axes.spindle = f"{to_deg:g}°"
+    def _spindle_words(self, values: Mapping[str, Value]) -> None:
+        if "SPOS" in values:
+            self._put(partial(self.spindle.turn_to, float(converted(values["SPOS"], "REAL"))))
+        for word, kind in (("S", 3 if self.modal.codes[15] == "G96" else 1), ("SVC", 2)):
+            if word in values:
+                self.spindle.programmed(float(converted(values[word], "REAL")), kind)
+
+    def _m(self, code: int) -> None:
+        if code == 6:
+            change = self.tools.change()
+            self.spindle.forget()
+            self._put(self.spindle.at_tool_change)
+            self._put(change)
+        elif code in (3, 4, 5):
+            self.spindle.direction = code
+            self._put(partial(self.spindle.switch, code))
+        else:
+            self._put(partial(setattr, self.spindle, "fluid", code))
 
     def _move(self, block: b.Words, *, measures: bool) -> None:
         path = path_of(block, self, self._end, measures=measures)

@@ -115,7 +115,14 @@ class EmulatedControl:
         if self._security is None:
             server.set_security_policy([ua.SecurityPolicyType.NoSecurity])
         else:
-            server.set_security_policy([ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt])
+            policies = ua.SecurityPolicyType
+            server.set_security_policy(
+                [
+                    policies.Basic256Sha256_SignAndEncrypt,
+                    policies.Aes128Sha256RsaOaep_SignAndEncrypt,
+                    policies.Aes256Sha256RsaPss_SignAndEncrypt,
+                ]
+            )
             await server.load_certificate(self._security.certificate)
             await server.load_private_key(self._security.private_key)
             server.set_certificate_validator(only(self._security.trusted))

@@ -103,6 +103,8 @@ class ProbingCycle:
         self.next_safe_point = next_safe_point
         """Next safe point of the program that runs now."""
         self._waiting: tuple[int, float, float] | None = None  # number, expires at, raised by
+        self._withdrawn = 0
+        """Number of the waiting request that was withdrawn; 0: none."""
         self._due_s = math.inf
         self._pose = 0
         self._centres: list[Centre] = []
@@ -122,7 +124,7 @@ class ProbingCycle:
 
     def ask(self, now_s: float, number: int, valid_for_s: float = math.inf, raised_mm: float = 0.0) -> None:
         """Request cycle `number`, or a dry run; while another is in progress this one waits for its end."""
-        self._waiting = (number, now_s + valid_for_s, raised_mm)
+        self._waiting, self._withdrawn = (number, now_s + valid_for_s, raised_mm), 0
         if self.started_s is None:
             if self._inhibited is not ReasonCode.NONE:
                 self._refuse(self._inhibited)
@@ -130,9 +132,10 @@ class ProbingCycle:
                 self._due_s = self._next_chance(now_s)
 
     def withdraw(self, now_s: float, number: int) -> None:
-        """Withdraw request `number`; a cycle in progress stops and fails. Other numbers change nothing."""
+        """Withdraw request `number`: a waiting one is refused at its safe point, where the control looks; a cycle in
+        progress stops and fails. Other numbers change nothing."""
         if self._waiting is not None and self._waiting[0] == number:
-            self._refuse(ReasonCode.WITHDRAWN)
+            self._withdrawn = number
         elif self.started_s is not None and self.answer.number == number:
             self.interrupt(now_s, ReasonCode.WITHDRAWN)
 
@@ -185,6 +188,8 @@ class ProbingCycle:
         number, expires_s, raised_mm = self._waiting
         if now_s >= expires_s:
             self._refuse(ReasonCode.EXPIRED)
+        elif number == self._withdrawn:
+            self._refuse(ReasonCode.WITHDRAWN)
         else:
             self._waiting = None
             self.started_s = now_s

@@ -210,9 +210,10 @@ _COMPARE: Final[dict[str, Callable[[float, float], bool]]] = {
     "<": lambda a, b: a < b,
     ">": lambda a, b: a > b,
 }
-_APPLY: Final[dict[str, Callable[..., float | int]]] = {
+_APPLY: Final[dict[str, Callable[..., Value]]] = {
     "ABS": abs,
     "ROUND": lambda v: math.floor(v + 0.5),
     "MAXVAL": max,
     "SIN": lambda v: math.sin(math.radians(v)),
+    "SPI": lambda number: f"S{number}",
 }

@@ -47,6 +47,7 @@ class MainRun:
         linear = range(sum(axis in LINEAR for axis in axes))
         self._began_s, self._cycles = now_s, 0
         self._event = [POWER_ON]
+        self._tool = [0.0] * 4
         numbers = {axis: number for number, axis in enumerate(axes)}
         self.actions = SynchronisedActions(
             {
@@ -54,6 +55,7 @@ class MainRun:
                 "AC_PARAM": SystemVariable(self._parameters),
                 "AA_IM": SystemVariable(self._positions, numbers, read_only=True, lengths=linear),
                 "P_PROG_EVENT": SystemVariable(self._event, read_only=True),
+                "AC_ACT_ORI_TOOL_LENGTH": SystemVariable(self._tool, read_only=True, lengths=range(1, 4)),
                 **{
                     name: SystemVariable(
                         values,
@@ -70,6 +72,10 @@ class MainRun:
         for program in programs:
             self.actions.load(program)
         self._event[0] = 0.0
+
+    def tool(self, length_mm: float) -> None:
+        """Length of the tool in use along Z; 0: none is in force. The control shows where its tip is, below."""
+        self._tool[3] = -length_mm
 
     def reset(self) -> None:
         """RESET, or the end of a part program: static actions and R-parameters stay, $AC_PARAM does not."""

@@ -14,6 +14,8 @@ from simulators.nc.words import LINEAR
 
 DRY_RUN_FEED: Final = 5000.0
 """SD42100, mm/min: what dry run makes of every feed."""
+_TURN_DEG: Final = 360.0
+"""Of a modulo axis, while MD30455 bit 0 is 0."""
 
 
 class Moving(Scope, Protocol):
@@ -41,6 +43,8 @@ def path_of(block: Words, state: Moving, before: Mapping[str, float], *, measure
         if direct:
             if axis != "C":
                 raise ProgramAlarm(f"{axis}: DC is for modulo axes")
+            if not 0.0 <= value < _TURN_DEG:
+                raise ProgramAlarm(f"16830: {axis}=DC({value:g}) is not within 0 to 359.999")
             shortest.add(axis)
         end[axis] = value + (before[axis] if modal.has("G91") and not direct else 0.0)
     if not modal.has("G91"):

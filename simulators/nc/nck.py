@@ -148,7 +148,9 @@ class Nck:
         self.errors = (
             None
             if errors is None
-            else ErrorFollower(errors, self.r, self.k0_mm, self._sign, self.watchdog, self._where)
+            else ErrorFollower(
+                errors, self.r, self.k0_mm, self._sign, self.watchdog, self._where, lambda: self.tool_length_mm
+            )
         )
         self.watched: Callable[[float], None] | None = None
         """Called at the end of each interpolation cycle, and whenever SD43900 is written, with the time."""
@@ -204,6 +206,7 @@ class Nck:
             self._note(until_s, ramped=True)
             return
         for time_s in self.main_run.until(until_s):
+            self.main_run.tool(self.tool_length_mm)
             self.main_run.cycle(self._where(time_s))
             self._note(time_s, ramped=True)
 
@@ -211,6 +214,7 @@ class Nck:
         """The next cycles before their time: an answer on the wire takes longer than they do."""
         if self.main_run is not None:
             for _ in range(_CYCLES_OF_AN_ANSWER):
+                self.main_run.tool(self.tool_length_mm)
                 self.main_run.next_cycle(self._where(now_s))
                 self._note(now_s, ramped=True)
 

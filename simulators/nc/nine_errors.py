@@ -17,7 +17,7 @@ R_CYCLE, R_VERSION, R_WANTED, R_IN_FORCE, R_ECHO, R_PROBED, R_TERMS = 65, 99, 10
 R_TOOL, R_TOOL_RANGE = 135, 136
 """R-parameters of the probing cycle's state, and of the program (docs/nc.md, Nine errors)."""
 R_COUNT_WITH_ERRORS = 137
-_VERSION = 2
+_VERSION = 3
 _ERRORS = 9
 ShiftOfTool = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 """(3,) of X, Y, Z, µm, unless it says otherwise."""
@@ -33,9 +33,12 @@ class FollowingTerms:
     """Radius to which ER0T refers."""
     bound_um: tuple[float, float, float]
     reach_mm: tuple[float, float]
-    """Largest distance of the tool from where A and C meet, along X and across it."""
-    tool_range_mm: float = 0.0
-    """How far a tool may be longer or shorter than the one of the origin; 0: its length is not told."""
+    """Largest distance of the tool from where A and C meet, along X and across it, with the tool of the origin if its
+    length is known, else with any."""
+    tool_range_mm: float = 300.0
+    """How far a tool may be longer or shorter than the one of the origin."""
+    origin_tool_mm: float | None = 0.0
+    """Length of that one; None: the gateway tells by how much the tool in use is longer."""
 
 
 class ErrorFollower:
@@ -48,6 +51,7 @@ class ErrorFollower:
     sign: of K0: -1 if a positive value moves the tool in the negative direction
     watchdog: has R96, and writes no offsets itself
     positions: X Y Z in mm, A C in degrees at a time
+    tool_mm: length of the tool in use; 0: none is in force
     """
 
     def __init__(
@@ -58,9 +62,10 @@ class ErrorFollower:
         sign: int,
         watchdog: Watchdog,
         positions: Callable[[float], Sequence[float]],
+        tool_mm: Callable[[], float] = lambda: 0.0,
     ) -> None:
         self._terms, self._r, self._k0_mm, self._sign = terms, r, k0_mm, sign
-        self._watchdog, self._positions = watchdog, positions
+        self._watchdog, self._positions, self._tool_mm = watchdog, positions, tool_mm
         self._bound = np.array(terms.bound_um)
         self._now_s = 0.0
         self.power_on(0.0)
@@ -76,7 +81,7 @@ class ErrorFollower:
         terms = self._terms
         told = (terms.slew_um_per_s, terms.radius_mm, *terms.bound_um, *terms.reach_mm)
         self._r[R_TERMS : R_TERMS + len(told)] = told
-        self._r[R_TOOL_RANGE] = terms.tool_range_mm
+        self._r[R_TOOL_RANGE] = terms.tool_range_mm * (1.0 if terms.origin_tool_mm is None else -1.0)
         self._r[R_VERSION] = float(_VERSION)
 
     def advance(self, now_s: float) -> None:
@@ -103,6 +108,8 @@ class ErrorFollower:
     @property
     def _longer_mm(self) -> float:
         """By how much the tool in use is longer than the one of the origin. One beyond the range changes nothing."""
+        if self._terms.origin_tool_mm is not None and (length := self._tool_mm()):
+            self._r[R_TOOL] = length - self._terms.origin_tool_mm
         told = self._r[R_TOOL]
         return told if abs(told) <= self._terms.tool_range_mm else self._tool
 
@@ -155,6 +162,7 @@ class ErrorFollower:
             return math.inf
         ey0a, ez0a, ex0c, ey0c, ez0t, er0t, ea0c, eb0c, ec0c = way
         along, across = (reach * 1e-3 for reach in self._terms.reach_mm)
+        across += 1e-3 * abs(self._tool) * (self._terms.origin_tool_mm is not None)
         grown = er0t / self._terms.radius_mm * 1e3
         x = ex0c + grown * along + (eb0c + ec0c) * across
         return max(x, max(ey0a, ez0a) + ey0c + ez0t + (grown + ea0c) * across + (eb0c + ec0c) * along)

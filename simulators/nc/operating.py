@@ -21,14 +21,12 @@ class Told:
     """MD20700: no program starts while an axis is not referenced."""
     length_stays: bool = True
     """MD10760 bit 0 = 0: SUPA leaves the tool's length in force."""
-    turns: int = 5
-    """$P_SDIR: direction of the spindle that was programmed last, 3 or 4; 5: it stands."""
-    speed: float = 0.0
-    """$AA_S: how fast the spindle turns, whoever switched it on, 1/min; negative: as M4 does."""
+    fluid_group: int = 0
+    """Group of auxiliary functions that M7, M8 and M9 are in; 0: in none, so that no variable tells what is on."""
     event: int = 0
     """$P_PROG_EVENT."""
     alarm: int = 0
-    """$AC_ALARM_STAT."""
+    """$AC_ALARM_STAT; 0x200: it is only shown."""
 
 
 @dataclass(slots=True)

@@ -63,7 +63,7 @@ class Label(Statement):
 
 @dataclass(frozen=True, slots=True)
 class Word(Statement):
-    """STOPRE, RET, M17, M0."""
+    """STOPRE, RET, M17, M0, WAITS."""
 
     word: str
 

@@ -38,10 +38,10 @@ class Inputs:
     """The times are plain numbers, whose unit nothing says."""
 
 
-def warn_if_tiny(measured_um: FloatArray, what: str) -> None:
+def warn_if_tiny(measured_um: FloatArray, what: str, least_um: float = TINY_UM) -> None:
     """Warns where all errors are so small that they are hardly in µm: they would be predicted as 0 in silence."""
     largest = float(np.max(np.abs(measured_um), initial=0.0, where=np.isfinite(measured_um)))
-    if 0.0 < largest <= TINY_UM:
+    if 0.0 < largest <= least_um:
         text = f"{what} is at most {largest:.2g} µm, too little to be predicted; if it is in mm, give unit_um=1000"
         warn(text, stacklevel=3)
 

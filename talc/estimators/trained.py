@@ -18,7 +18,7 @@ from talc.estimators.rows import (
 )
 from talc.frame import FloatArray, Frame, TrainingJob, Why
 from talc.models import ErrorModel, TrainingNote
-from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
+from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS, TINY_UM
 from talc.papers.free_running import FreeRunningModel
 from talc.papers.training import train
 from talc.record import Record
@@ -26,6 +26,8 @@ from talc.settings import TrainingSettings
 
 _PLACES = tuple(i for i, name in enumerate(THERMAL_ERRORS) if ERROR_UNITS[name] == MICROMETRE)
 """A training makes nine models; these have one tolerance, the estimator's."""
+_LEAST_UM = 1.0
+"""The adapted BIC holds a sum of squares at the square of this: errors that are never larger lose their inputs."""
 _NOT_OF_TRAINING = ("step_s", "unit_um", "tolerance")
 """Parameters that are not, or not in this unit, in the settings of a training."""
 
@@ -70,9 +72,10 @@ class TrainedModels(Conventions):
             raise ValueError(f"X has {len(rows.values)} rows, y {len(measured)}: expected the same number")
         if not np.isfinite(measured).any():
             raise ValueError("y holds no measurement: all of it is NaN")
-        warn_if_tiny(measured, "y")
         _check_parameters(self)
         settings, clock = self._settings(), RowClock(rows, self.step_s)
+        by_scale = self._selector == "pso" and settings.criterion == "adapted_bic"
+        warn_if_tiny(measured, "y", _LEAST_UM if by_scale else TINY_UM)
         index = clock.take(rows)
         self._clock, self._k = clock, int(index[-1])
         self._know(rows)

@@ -2,8 +2,8 @@
 
 from talc.learner.course import CourseState, LearningCourse
 from talc.learner.learner import LearnerState, RowLearner
-from talc.learner.mixture import MixtureState
 from talc.learner.prior import Prior, make_prior
+from talc.learner.told import MixtureState
 
 __all__ = [
     "CourseState",

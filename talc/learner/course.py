@@ -23,10 +23,10 @@ from talc.frame import (
 from talc.indicators import TWO_SIDED_95
 from talc.learner.experts import EXPERTS, OTHERS_EXPERTS
 from talc.learner.learner import Estimate, LearnerState, RowLearner
-from talc.learner.mixture import Surprise
 from talc.learner.plausible import InputFault
 from talc.learner.prior import Prior
 from talc.learner.reasons import reasons_for
+from talc.learner.told import Surprise
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
 from talc.settings import LearnerSettings
 from talc.stage import Stage, limit_exceeded
@@ -50,6 +50,8 @@ class CourseState:
     measured_in_phase: int
     trusted: BoolArray
     substituted: frozenset[str]
+    tolerance_um: float = 0.0
+    """The latest that was stated; 0: none."""
 
 
 class LearningCourse(Strategy):
@@ -84,7 +86,8 @@ class LearningCourse(Strategy):
             raise ValueError(f"errors = {', '.join(errors)}: a prior is of {', '.join(THERMAL_ERRORS)}")
         self._units = tuple(ERROR_UNITS.get(name, MICROMETRE) for name in self._errors)
         positions = np.array([unit == MICROMETRE for unit in self._units])
-        self._limits = np.where(positions, settings.limit_um, settings.limit_um_per_m)
+        self._limits = self._declared = np.where(positions, settings.limit_um, settings.limit_um_per_m)
+        self._tolerance_um = 0.0
         noise = np.where(positions, settings.noise_um, settings.noise_um_per_m)
         self._learner = RowLearner(len(self._names), step_s, noise, None if prior is None else prior.of(self._names))
         self._experts = EXPERTS if prior is None else (*EXPERTS, *OTHERS_EXPERTS)
@@ -119,6 +122,7 @@ class LearningCourse(Strategy):
             self._learner.new_reference()
             events.append(Event(EventKind.NEW_REFERENCE, code=EventCode.NEW_REFERENCE))
         self._last_k = frame.k
+        self._note_tolerance(frame.tolerance_um, events)
         before = self._learner.estimate()
         after, surprise = before, None
         if np.isfinite(measured).any():
@@ -201,6 +205,7 @@ class LearningCourse(Strategy):
             measured_in_phase=self._stage.measured,
             trusted=self._trusted.copy(),
             substituted=self._substituted,
+            tolerance_um=self._tolerance_um,
         )
 
     def restore(self, state: CourseState) -> None:
@@ -209,8 +214,29 @@ class LearningCourse(Strategy):
         self._stage, self._wanted = Stage(state.phase, state.measured_in_phase), state.wanted
         self._last_k, self._last_measured = state.last_k, state.last_measured
         self._trusted, self._substituted = state.trusted.copy(), state.substituted
+        self._follow(state.tolerance_um)
 
     # Parts of a step -------------------------------------------------------------------------------------------------
+
+    def _note_tolerance(self, stated: float | None, events: list[Event]) -> None:
+        """Let the limits follow what is stated; NaN counts as not stated again."""
+        if stated is None or self._settings.least_limit_um is None or not 0.0 <= stated < np.inf:
+            return
+        if stated != self._tolerance_um:
+            limit = self._follow(stated)
+            values = {"tolerance": stated, "limit": limit, "unit": MICROMETRE}
+            kind, code = EventKind.TOLERANCE_STATED, EventCode.TOLERANCE
+            events.append(Event(kind, value=stated, limit=limit, code=code, values=values))
+
+    def _follow(self, tolerance_um: float) -> float:
+        """From now on by this tolerance; returns the limit of positions."""
+        s, self._tolerance_um = self._settings, tolerance_um
+        if tolerance_um == 0.0 or s.least_limit_um is None or s.most_limit_um is None:
+            self._limits = self._declared
+            return s.limit_um
+        limit = min(max(tolerance_um, s.least_limit_um), s.most_limit_um)
+        self._limits = self._declared * (limit / s.limit_um)
+        return limit
 
     def _note_inputs(self, valid: BoolArray, moved: BoolArray, inputs: FloatArray, events: list[Event]) -> None:
         for found in self._learner.suspicions:

@@ -9,9 +9,10 @@ from talc.explanation import Explanation, Weights
 from talc.frame import BoolArray, FloatArray, IntArray
 from talc.learner.features import LagBank
 from talc.learner.inputs import InputMemory
-from talc.learner.mixture import Mixture, MixtureState, Surprise
+from talc.learner.mixture import Mixture
 from talc.learner.plausible import SHORT_GAP, InputCheck, Suspicion
 from talc.learner.process import OtherMachines
+from talc.learner.told import MixtureState, Surprise
 
 TIME_CONSTANTS_S = (0.0, 900.0, 2700.0, 8100.0, 24300.0)
 """0, 15 min, 45 min, 2.25 h, 6.75 h: any smooth response of a machine is near a sum of these."""

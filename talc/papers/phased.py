@@ -1,7 +1,7 @@
 """The adaptive control of Z22 and B19: phases, action control limits, trainings, and models that run freely."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -45,6 +45,8 @@ class PhasedState:
     substituted: frozenset[str]
     bounded: frozenset[str]
     static: tuple[tuple[str, ...] | None, ...] | None
+    estimates: Mapping[int, FloatArray] = field(default_factory=dict)
+    """(9,) of the steps that a training needs; see `PhasedModels`."""
 
 
 class PhasedModels(Strategy):
@@ -53,11 +55,15 @@ class PhasedModels(Strategy):
     `calibration` measures at every step, or every few, until enough is known for the first models. `compensation`
     predicts at every step and measures at an interval; a measurement resets the models' output history (state update).
     A residual above its limit leads to `no_good`: measurements at every step, then a training on all that is known,
-    then `compensation` again. While a training is in progress, predictions continue with the present models.
+    then `compensation` again. With an update interval, `compensation` also trains at fixed grid steps, whatever the
+    residuals. While a training is in progress, predictions continue with the present models.
 
     Inputs without a good value are replaced by their last good one, or by the training's mean if there never was one; a
     decision reports when that begins and ends for an input that a model uses. A thermal error without a model is
     corrected by its last measurement once other models are live.
+
+    For ARX models that keep their inputs, what was estimated just before a measurement is kept for the trainings, which
+    take it for an output that was not measured (Z22 eq. 2).
 
     Parameters
     ----------
@@ -81,6 +87,7 @@ class PhasedModels(Strategy):
         self._substituted: frozenset[str] = frozenset()
         self._bounded: frozenset[str] = frozenset()
         self._static: tuple[tuple[str, ...] | None, ...] | None = None
+        self._estimates: dict[int, FloatArray] = {}
 
     @property
     def learning(self) -> bool:
@@ -102,6 +109,7 @@ class PhasedModels(Strategy):
             substituted=self._substituted,
             bounded=self._bounded,
             static=self._static,
+            estimates={k: row.copy() for k, row in self._estimates.items()},
         )
 
     def restore(self, state: PhasedState) -> None:
@@ -118,6 +126,7 @@ class PhasedModels(Strategy):
                 self._models[i] = running
         self._held, self._last_measured, self._static = state.held.copy(), state.last_measured, state.static
         self._substituted, self._bounded = state.substituted, state.bounded
+        self._estimates = {k: row.copy() for k, row in state.estimates.items()}
 
     def miss(self, inputs: FloatArray) -> None:
         """The models run on held inputs."""
@@ -135,6 +144,7 @@ class PhasedModels(Strategy):
             self._last_measured = None
         self._note_substitutes(events)
         predicted, corrected, sigma, novel = self._predict(measured, events)
+        self._note_estimates(frame.k, predicted)
         limits = self._limits()
         if np.isfinite(measured).any():
             self._last_measured = frame.k
@@ -186,6 +196,8 @@ class PhasedModels(Strategy):
                     values=values,
                 )
             )
+        if self._stage.phase is Phase.NO_GOOD and models.why == Why.INTERVAL:
+            return tuple(events)  # the phase began during the training, and goes on
         self._stage.measured = 0
         if all(m is None for m in self._models):
             events.append(Event(EventKind.MODEL_REJECTED, code=EventCode.NO_MODEL))
@@ -217,6 +229,15 @@ class PhasedModels(Strategy):
         )
         self._bounded = frozenset(bounded)
         return predicted, corrected, sigma, novel
+
+    def _note_estimates(self, k: int, predicted: FloatArray) -> None:
+        reach = self._training.max_na if self._training.keeps_estimates else 0
+        if not reach:
+            return
+        if np.isfinite(predicted).any():
+            self._estimates[k] = predicted.copy()
+        if not np.isfinite(self._record.measured[-reach:]).any():
+            self._estimates.pop(k - reach, None)  # no measured row is within its reach
 
     def _note_substitutes(self, events: list[Event]) -> None:
         used = {name for m in self._models if m is not None for name in m.model.inputs}
@@ -250,22 +271,30 @@ class PhasedModels(Strategy):
             case Phase.NO_GOOD:
                 enough, why = self._stage.measured >= self._control.no_good_measurements, Why.NO_GOOD
             case Phase.COMPENSATION:
-                return None
+                update = self._control.update_interval_steps
+                enough, why = update is not None and k % update == 0, Why.INTERVAL
         if not enough:
             return None
         self._learning = True
         values = {"n": self._stage.measured, "why": why.value}
         events.append(Event(EventKind.TRAINING_WANTED, code=EventCode.TRAINING_WANTED, values=values))
         rows = slice(-self._training.window_steps if self._training.window_steps else None, None)
+        measured = self._record.measured[rows].copy()
+        begin = k + 1 - len(measured)
+        self._estimates = {at: row for at, row in self._estimates.items() if at >= begin}
+        estimated = np.full_like(measured, np.nan)
+        for at, row in self._estimates.items():
+            estimated[at - begin] = row
         return TrainingJob(
             k=k,
             why=why,
             input_names=self._names,
             inputs=self._record.inputs[rows].copy(),
             valid=self._record.valid[rows].copy(),
-            measured=self._record.measured[rows].copy(),
+            measured=measured,
             settings=self._training,
             static_inputs=self._static,
+            estimated=estimated if self._estimates else None,
         )
 
     def _why_measure(self, k: int, novel: bool, sigma: FloatArray, limits: FloatArray) -> Why | None:

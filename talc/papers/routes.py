@@ -176,7 +176,11 @@ def _with_past(
 
     Z22 eq. 2 and 5: an unmeasured past output is the model's own prediction; the weights stand on the measured rows.
     The first model is on the rows whose earlier outputs were measured: a short swarm's, or of the inputs that are kept.
+    Where every second step is measured, as in B19's no-good phase, those are the calibration's alone, and days later
+    such a model is far off: estimates that were made at the time, if there are any, are taken instead.
     """
+    if np.isfinite(window.past[np.isnan(window.y)]).any():
+        return window
     regression = Regression(window, settings.max_na, settings.max_nb)
     reach = max(settings.max_na, settings.max_nb)
     if len(regression.y) == np.isfinite(window.y[reach:]).sum():

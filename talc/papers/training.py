@@ -100,10 +100,13 @@ class _Training:
         return self._shared[key]
 
     def _arx(self, error: str, fixed: tuple[int, ...] | None) -> Fitted:
-        record = self._records[error]
+        record, settings, past = self._records[error], self._job.settings, self._records[error].scaled
+        if self._job.estimated is not None and fixed is not None:
+            estimated = self._job.estimated[:, THERMAL_ERRORS.index(error)]
+            past = np.where(record.rows, past, (estimated - record.mean) / record.std)
         try:
-            window = Window(self._offer.scaled, record.scaled, record.scaled, record.std)
-            return by_arx(window, fixed, error, self._job.settings, self._sensors)
+            window = Window(self._offer.scaled, record.scaled, past, record.std)
+            return by_arx(window, fixed, error, settings, self._sensors)
         except (ValueError, RuntimeError) as problem:
             raise _NoModel(EventCode.NOT_FITTED, error=error, why=str(problem)) from problem
 

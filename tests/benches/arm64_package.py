@@ -31,7 +31,13 @@ RUN_BY = (
     "pycparser",
 )
 """What the tests need besides the package, in the versions of the lock."""
-TESTS = ("test_search.py", "test_pso.py", "test_group_lasso.py", "test_kinematics.py", "test_free_running.py")
+TESTS = (
+    "talc/papers/test_search.py",
+    "talc/papers/test_pso.py",
+    "libraries/test_group_lasso.py",
+    "talc/test_kinematics.py",
+    "talc/papers/test_free_running.py",
+)
 
 
 class Arm64Debian:
@@ -70,7 +76,7 @@ def tries(machine: Arm64Debian, package: Path) -> Iterator[TriedUnit]:
     yield tried("the program starts", "talc-gateway --version", "version")
     yield tried("check accepts the example", f"talc-gateway check /{CONFIG}", "good")
     place_tests(machine.root / "tests")
-    files = " ".join(f"tests/talc/{name}" for name in TESTS)
+    files = " ".join(f"tests/{name}" for name in TESTS)
     python = "PYTHONPATH=/tests/libraries:/tests /opt/talc-gateway/bin/python -m pytest"
     options = "-q --noconftest -c /dev/null --rootdir=/tests --import-mode=importlib -p no:cacheprovider"
     yield tried("the tests of the kernel", f"cd /tests && {python} {options} {files}", " passed")
@@ -93,7 +99,7 @@ def place_tests(folder: Path) -> None:
 
     Raises CalledProcessError: the packages could not be had.
     """
-    for name in ("talc", "benches"):
+    for name in ("talc", "libraries", "benches"):
         copytree(ROOT / "tests" / name, folder / "tests" / name, ignore=ignore_patterns("__pycache__"))
     wanted = [one for one in locked(ROOT / "requirements/dev.lock", "3.11") if one.partition("==")[0] in RUN_BY]
     platforms = [f"--platform=manylinux_2_{glibc}_aarch64" for glibc in (17, 28, 34)]

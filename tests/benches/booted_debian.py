@@ -17,8 +17,9 @@ LIMIT_S = 900.0
 """Generous: no single command of a test takes longer on an idle computer than a tenth of it."""
 
 
-def minimal_debian(root: Path) -> Path:
-    """Make a minimal Debian of this computer's release with Python, systemd, chrony, modprobe, udev and ip in a folder.
+def minimal_debian(root: Path, *packages: str) -> Path:
+    """Make a minimal Debian of this computer's release with Python, systemd, chrony, modprobe, udev, ip and these
+    packages in a folder.
 
     Its dpkg does not wait for the disk after each file, now and later: nobody cuts the power of a test. mmdebstrap
     needs half of debootstrap's processor time.
@@ -26,7 +27,7 @@ def minimal_debian(root: Path) -> Path:
     lines = Path("/etc/os-release").read_text(encoding="utf-8").splitlines()
     release = dict(line.split("=", 1) for line in lines if "=" in line)
     suite = release["VERSION_CODENAME"].strip('"')
-    more = "python3,systemd-sysv,dbus,chrony,kmod,udev,iproute2"
+    more = ",".join(("python3", "systemd-sysv", "dbus", "chrony", "kmod", "udev", "iproute2", *packages))
     command = [
         "mmdebstrap", "--variant=minbase", f"--include={more}", "--dpkgopt=force-unsafe-io",
         "--hook-dir=/usr/share/mmdebstrap/hooks/maybe-merged-usr",  # else by usrmerge, which brings Perl
@@ -77,6 +78,11 @@ class BootedDebian:
 
     def __exit__(self, *_: object) -> None:
         self._end()
+
+    @property
+    def leader(self) -> int:
+        """The guest's process 1, seen from here."""
+        return self._leader
 
     def run(self, command: str) -> str:
         """Output of a shell command in the guest; fails with all of it."""

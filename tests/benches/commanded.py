@@ -4,6 +4,7 @@ import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
+from typing import Literal
 
 from gateway.config.sections import Probing
 from gateway.control.grid import GridSampler, Schedule
@@ -50,27 +51,41 @@ class Commanded:
 
 @asynccontextmanager
 async def commanded(
-    bench: LinkBench, *, follow: float | None = None, reload: AskReload | None = None
+    bench: LinkBench,
+    *,
+    follow: float | None = None,
+    reload: AskReload | None = None,
+    method: Literal["models", "learner"] = "models",
+    anew: bool = False,
 ) -> AsyncIterator[Commanded]:
-    """follow: the link is given a decision with this error each 30 s, instead of the loop's own."""
+    """follow: the link is given a decision with this error each 30 s, instead of the loop's own. anew: an earlier run
+    was asked for a new reference. The learner's input stays at 20 °C."""
     told = KeptEvents()
     plan = schedule_of(Probing(retries=2))
-    controller, clock = Controller(("a",), TalcSettings(method="models")), bench.clock
-    measuring = Measuring(None if follow is not None else bench.link, plan, Probing(), clock, told)
+    controller, clock = Controller(("a",), TalcSettings(method=method), STEP_S), bench.clock
+    measuring = Measuring(None if follow is not None else bench.link, plan, Probing(), clock, told, anew=anew)
+    sampler = GridSampler(("a",), STEP_S)
     loop = GridLoop(
-        controller, GridSampler(("a",), STEP_S), Schedule(STEP_S), clock, told,
+        controller, sampler, Schedule(STEP_S), clock, told,
         measuring, Trainings(controller, clock, told),
         link=None if follow is not None else bench.link,
     )  # fmt: skip
     found = Commanded(bench, told, None)  # type: ignore[arg-type]
-    found.taker = CommandTaker(bench.link, measuring.order, bench.clock, told, found.on_disk, reload)
+    found.taker = CommandTaker(bench.link, measuring, bench.clock, told, found.on_disk, reload)
 
     async def following(error: float) -> None:
         while True:
             bench.link.follow(decision(error))
             await bench.clock.sleep_until(bench.clock.monotonic() + 30.0)
 
+    async def reading() -> None:
+        while True:
+            sampler.add_states({"a": 20.0}, bench.clock.monotonic())
+            await bench.clock.sleep_until(bench.clock.monotonic() + 30.0)
+
     tasks = [asyncio.create_task(loop.run())]
+    if method == "learner":
+        tasks.append(asyncio.create_task(reading()))
     if follow is not None:
         tasks.append(asyncio.create_task(following(follow)))
     try:

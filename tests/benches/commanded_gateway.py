@@ -15,9 +15,9 @@ from gateway.model.events import EventReported, Health, HealthChecked, StoreHeal
 from gateway.model.text import plain
 from gateway.telemetry.answers import CoursePage
 from gateway.telemetry.messages import PublishedCourse
-from gateway.telemetry.publisher import TelemetryPublisher
 from talc.frame import Event, EventKind
 from talc.names import THERMAL_ERRORS
+from tests.benches.open_publisher import OpenPublisher
 
 _STATUS_S = 5.0
 
@@ -44,7 +44,7 @@ async def main(port: int, machine: str, operator: str, key_file: Path) -> None:
         tell()
         return CommandOutcome(command, clock.utc(), not refused, plain(refused or "it is done"))
 
-    async with TelemetryPublisher(
+    async with OpenPublisher(
         settings, machine, (), clock, "boot", simulated=False, course=lambda _: stored, obey=obey
     ) as publisher:
 

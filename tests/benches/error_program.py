@@ -21,7 +21,9 @@ WANTED, IN_FORCE, PROBED, ECHO = 100, 110, 120, 119
 
 def settings(url: str = "opc.tcp://nc", signs: tuple[int, int, int] | None = None) -> SinumerikSettings:
     compensation = OffsetRoute(route="errors", travel_mm=TRAVEL, signs=signs)
-    return SinumerikSettings(security="none", url=url, origin_mm=ORIGIN_MM, compensation=compensation)
+    return SinumerikSettings(
+        security="none", url=url, origin_mm=ORIGIN_MM, origin_tool_mm=0.0, compensation=compensation
+    )
 
 
 def program(slew_um_per_s: float = SLEW_UM_PER_S, bound_um: tuple[float, float, float] = BOUND_UM) -> str:

@@ -203,7 +203,7 @@ def _heard(draw: random.Random, _: Path) -> None:
                 view(seen, viewpoint, 0.0),
                 tuple(events(seen)),
                 tuple(corrections(seen)),
-                shown_course(seen, _MATRIX),
+                shown_course(seen, viewpoint),
                 listed(machines, {"mill": viewpoint}, 0.0),
             )
             msgspec.json.encode(shown, enc_hook=json_text)

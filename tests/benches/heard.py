@@ -167,8 +167,9 @@ class HeardMachine:
         at = self.now.isoformat()
         self.hear(f"reading/{channel}", ReadingMessage(*self.stamp(), channel, value, unit, quality, at, 0.0, 1, ""))
 
-    def event(self, kind: str = "problem", text: str = "bus rtu1: no answer") -> None:
-        self.hear("event", EventMessage(*self.stamp(), None, kind, text, None, None, None))
+    def event(self, kind: str = "problem", text: str = "bus rtu1: no answer", subject: str = "") -> None:
+        values = {"subject": subject} if subject else {}
+        self.hear("event", EventMessage(*self.stamp(), None, kind, text, None, None, None, values=values))
 
     def probing(self, standing: str, why: str | None = "interval", reason: str = "", operator: str = "") -> None:
         self.hear("probing", ProbingMessage(*self.stamp(), standing, why, reason, 0, operator))
@@ -182,12 +183,14 @@ class HeardMachine:
         paused: PauseStanding | None = None,
         disarmed: PauseStanding | None = None,
         unarmed_coded: tuple[Coded | None, ...] = (),
+        channels: int | None = None,
+        channels_good: int | None = None,
     ) -> None:
         ends, missed = dict(certificates or {}), dict(periods_missed or {})
         message = StatusMessage(
             *self.stamp(), "compensation", 0, 0, missed, None, None,
             unarmed=unarmed, certificates=ends, planned_loads=planned_loads, paused=paused, disarmed=disarmed,
-            unarmed_coded=unarmed_coded,
+            unarmed_coded=unarmed_coded, channels=channels, channels_good=channels_good,
         )  # fmt: skip
         self.hear("status", message)
 

@@ -3,15 +3,17 @@
 import asyncio
 import socket
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
-from contextlib import asynccontextmanager, suppress
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Mapping
+from contextlib import asynccontextmanager, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+import pytest
+
 from drivers.agent.control import AgentControl
-from drivers.base import SystemClock
+from drivers.base import Refused, SystemClock
 from drivers.linuxcnc.settings import LinuxCncSettings
-from drivers.nc import WatchdogTerms
+from drivers.nc import NcSnapshot, WatchdogTerms
 from simulators.linuxcnc.machine import LinuxCncMachine, machine
 
 KEY = "0123456789abcdef0123456789abcdef"
@@ -44,6 +46,17 @@ class AgentBench:
         finally:
             ended.set()
             await asyncio.gather(task, return_exceptions=True)
+
+    async def snapshot(self) -> NcSnapshot:
+        """The driver's. As a gateway does, it asks again where a busy computer let the control stand still."""
+        async with asyncio.timeout(60.0):
+            while True:
+                try:
+                    return await self.nc.snapshot()
+                except Refused as error:
+                    if error.reason != "stale":
+                        raise
+                    await asyncio.sleep(0.1)
 
     async def pin(self, name: str) -> float:
         return await self.operator.number("gets", name)
@@ -93,6 +106,14 @@ async def running(
             finally:
                 await bench.nc.close()
                 print("LinuxCNC's messages:", await operator.ask("messages"))  # pytest shows it when a test fails
+
+
+@contextmanager
+def refusal(code: str) -> Iterator[None]:
+    """Within, the agent refuses what it is asked, with this code."""
+    with pytest.raises(Refused) as refused:
+        yield
+    assert refused.value.reason == code
 
 
 async def until(condition: Callable[[], Awaitable[bool]], limit_s: float = 300.0) -> float:

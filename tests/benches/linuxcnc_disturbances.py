@@ -19,6 +19,7 @@ from typing import Final
 import numpy as np
 
 from drivers.agent.control import AgentControl
+from gateway.model.notice import Notice
 from gateway.runtime.clocks import RealClock
 from talc.frame import FloatArray
 from tests.benches.cut_wire import wire_to
@@ -50,7 +51,8 @@ class LinuxCncDisturbed:
     offsets_um: FloatArray
     """(n, 3) in force."""
     count: int
-    disarmed: int
+    disarmings: tuple[Notice, ...]
+    """What a gateway said when it disarmed itself."""
 
     @property
     def excess_um(self) -> float:
@@ -137,7 +139,7 @@ async def disturbed_linuxcnc(
             await site.end(stopped=True)
             await keep()
     rows = np.vstack(recorded)
-    return LinuxCncDisturbed(rows[:, 0], rows[:, 1:], count, site.disarmed)
+    return LinuxCncDisturbed(rows[:, 0], rows[:, 1:], count, tuple(site.disarmings))
 
 
 if __name__ == "__main__":
@@ -153,8 +155,10 @@ if __name__ == "__main__":
             f"{passed.sum() / period_s:.0f} servo periods recorded, offsets up to {most_um:.1f} µm, "
             f"largest change in a period of {period_s * 1e3:.0f} ms {steps[passed < 1.5 * period_s].max():.4f} µm of "
             f"{SLEW_UM_PER_S * period_s:.4f} µm, beyond the slew {max(found.excess_um, 0.0):.4f} µm, disarmed "
-            f"{found.disarmed} times",
+            f"{len(found.disarmings)} times",
             flush=True,
         )
+        for notice in found.disarmings:
+            print(f"  disarmed: {notice.code} {dict(notice.values)}", flush=True)
         wrong += found.excess_um > 1e-6
     sys.exit(1 if wrong else 0)

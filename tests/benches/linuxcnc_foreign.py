@@ -50,18 +50,21 @@ QUEUED: Final = ("G0 X5", "G91", "G20", "G55", "G43.1 Z1", "M3 S500")
 """Commanded in MDI meanwhile: LinuxCNC keeps it for after the cycle."""
 KINDS: Final = (
     *("block", "mdi", "mode", "stop", "estop", "off", "limit", "travel", "transformation", "contact", "probe"),
-    *("may-start", "ceiling", "hand"),
+    *("may-start", "ceiling", "hand", "jog", "interpreter"),
 )
 STOPS: Final = ("mode", "stop", "estop", "off", "limit", "travel", "may-start")
-"""After these LinuxCNC itself has stopped the program, as after a contact in a rapid move: the machine stands until the
-operator retracts."""
-PINS: Final = {
-    "travel": ("ini.z.max_limit", "150"),
-    "may-start": ("talc.may-start", "0"),
-    "transformation": ("motion.switchkins-type", "1"),
+"""After these LinuxCNC itself has stopped the program, as after a contact in a rapid move, or when it finds itself in
+another kind of motion after a jog: the machine stands until the operator retracts."""
+SET: Final = {
+    "travel": ("setp", "ini.z.max_limit", "150"),
+    "may-start": ("setp", "talc.may-start", "0"),
+    "transformation": ("setp", "motion.switchkins-type", "1"),
+    "probe": ("sets", "probe-dead", "1"),
+    "contact": ("sets", "sphere-size", str(BALL_MM + MORE_MM)),
 }
 BUTTONS: Final = {"stop": "send_abort", "estop": "estop", "off": "send_off"}
-STOPPED: Final = "the program was stopped"
+ERROR: Final = 99
+"""On analog input 20: an error of the interpreter instead of a block."""
 FINAL: Final = (ProbingState.DONE, ProbingState.REFUSED, ProbingState.FAILED)
 
 
@@ -98,7 +101,8 @@ async def disturbable(folder: Path, **settings: object) -> AsyncIterator[AgentBe
         )
         (nc / "foreign.ngc").write_text(
             "o<foreign> sub\no800 if [#<_hal[motion.analog-in-20]> EQ 0]\n#<_foreign> = 0\no800 endif\n"
-            f"o801 if [#<_foreign> EQ 0]\n{choice}\no801 endif\no<foreign> endsub\nM2\n"
+            f"o801 if [#<_foreign> EQ 0]\n{choice}\no801 endif\n"
+            f"o802 if [#<_hal[motion.analog-in-20]> EQ {ERROR}]\nG1 X[1 / 0]\no802 endif\no<foreign> endsub\nM2\n"
         )
         near = (nc / "talc_near.ngc").read_text()
         (nc / "talc_near.ngc").write_text(near.replace("o<talc_check> call\n", "o<foreign> call\no<talc_check> call\n"))
@@ -122,13 +126,15 @@ async def _disturb(bench: AgentBench, kind: str, draw: random.Random) -> None:
     hal = bench.operator
     match kind:
         case "ceiling":
-            await until(lambda: _is_low(bench))
+            await until(lambda: _goes_down(bench))
             await lower_ceiling(bench)
         case "hand":
             await _turn_wheel(bench, draw.choice((-1, 1)) * 20)
-        case "block" | "G43.1 Z1":
-            number = BLOCKS.index(kind) if kind in BLOCKS else draw.randrange(len(BLOCKS))
-            await hal.ask("hal", "setp", "motion.analog-in-20", str(1 + number))
+        case "block" | "G43.1 Z1" | "interpreter":
+            number = 1 + (BLOCKS.index(kind) if kind in BLOCKS else draw.randrange(len(BLOCKS)))
+            await hal.ask("hal", "setp", "motion.analog-in-20", str(ERROR if kind == "interpreter" else number))
+        case "jog":
+            await until(lambda: _jogs(bench, draw.choice((-2.0, 2.0))), 60.0)
         case "mdi":
             await hal.ask("send_mdi", draw.choice(QUEUED))
         case "mode":
@@ -137,15 +143,21 @@ async def _disturb(bench: AgentBench, kind: str, draw: random.Random) -> None:
             await hal.ask(BUTTONS[kind])
         case "limit":
             await hal.ask("hal", "setp", f"joint.{draw.randrange(5)}.pos-lim-sw-in", "1")
-        case "travel" | "may-start" | "transformation":
-            await hal.ask("hal", "setp", *PINS[kind])
         case _:
-            signals = {"probe": ("probe-dead", "1"), "contact": ("sphere-size", str(BALL_MM + MORE_MM))}
-            await hal.ask("hal", "sets", *signals[kind])
+            await hal.ask("hal", *SET[kind])
 
 
-async def _is_low(bench: AgentBench) -> bool:
-    return await bench.operator.number("gets", "z-drive") < LENGTH_MM + SAFE_MM - 4.0 * CEILING_MM
+async def _goes_down(bench: AgentBench) -> bool:
+    """And is low. On its way up, it could be above the ceiling before that comes, on a busy computer."""
+    before_mm = await bench.operator.number("gets", "z-drive")
+    at_mm = await bench.operator.number("gets", "z-drive")
+    return at_mm < min(before_mm - STANDS_MM, LENGTH_MM + SAFE_MM - 4.0 * CEILING_MM)
+
+
+async def _jogs(bench: AgentBench, speed: float) -> bool:
+    """Whether LinuxCNC has left the program's kind of motion for the jog. Within a move it refuses one."""
+    await bench.operator.ask("send_jog", speed, 0.02)
+    return bool(await bench.operator.ask("hal", "getp", "motion.coord-mode") == "FALSE")
 
 
 async def _turn_wheel(bench: AgentBench, counts: int) -> None:
@@ -160,6 +172,13 @@ async def lower_ceiling(bench: AgentBench) -> None:
     await bench.operator.ask("hal", "sets", "ceiling-at", str(at_mm))
 
 
+async def allow(bench: AgentBench) -> None:
+    """The door is closed and the key turned, by somebody who has looked."""
+    await bench.operator.ask("hal", "setp", "talc.may-start", "0")
+    await bench.pass_time(0.5)
+    await bench.operator.ask("hal", "setp", "talc.may-start", "1")
+
+
 async def _mend(bench: AgentBench) -> None:
     """What the operator does afterwards, but for the retract."""
     hal = bench.operator
@@ -168,7 +187,7 @@ async def _mend(bench: AgentBench) -> None:
     await hal.ask("hal", "setp", "ini.z.max_limit", "300")
     await hal.ask("hal", "sets", "ceiling-at", str(NO_CEILING_MM))
     await hal.ask("hal", "sets", "probe-dead", "0")
-    await hal.ask("hal", "setp", "talc.may-start", "1")
+    await allow(bench)
     for joint in range(5):
         await hal.ask("hal", "setp", f"joint.{joint}.pos-lim-sw-in", "0")
     if not await hal.sees(on=True):
@@ -197,7 +216,8 @@ async def disturbed(bench: AgentBench, kind: str, number: int, draw: random.Rand
     await until(at_rest)
     rows = np.array(await hal.ask("recorded"))
     status = await bench.nc.probing_status(number)
-    stands, stopped = rows[-1], kind in STOPS or status.reason == STOPPED
+    stands, low = rows[-1], rows[-1, 2] - LENGTH_MM < SAFE_MM - STANDS_MM
+    stopped = kind in STOPS or status.code == "stopped" or (kind == "jog" and low)
     await hal.ask("record", *SIGNALS)
     await bench.pass_time(0.3)
     await hal.ask("hal", "sets", "sphere-size", str(BALL_MM))
@@ -235,11 +255,18 @@ def beyond_ceiling_mm(rows: FloatArray) -> float:
 
 
 def _deepest(rows: FloatArray) -> float:
-    """In whatever is touched: it may grow, and the probe be within it already; mm."""
+    """In whatever is touched: it may grow, and the probe be within it already; mm.
+
+    Where the probe has been since it last stood still, nothing stands in its way: at a contact it goes back there, and
+    that is towards the sphere if this has grown around a probe on its way out.
+    """
     found, size = distances(rows), rows[:, 5]
-    grown = int(np.argmax(size > size[0])) if (size > size[0]).any() else 0
-    within = min(size[grown], found[grown]) if grown else size[0]
-    return float(max(within - found[grown:].min(), size[0] - found[: grown + 1].min()))
+    if not (size > size[0]).any():
+        return float(size[0] - found.min())
+    grown = int(np.argmax(size > size[0]))
+    stands = np.flatnonzero(np.ptp([rows[:grown, :3], rows[1 : grown + 1, :3]], axis=0).max(axis=1) == 0.0)
+    been = found[stands[-1] if len(stands) else 0 : grown + 1].min()
+    return float(max(min(size[grown], been) - found[grown:].min(), size[0] - found[: grown + 1].min()))
 
 
 async def run(count: int, seed: int, kinds: tuple[str, ...] = KINDS) -> list[Disturbed]:

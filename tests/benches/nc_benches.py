@@ -1,4 +1,7 @@
-"""Every numerical control that the gateway supports, with the actions of the contract's tests on it.
+"""The ways to a numerical control, with the actions of the contract's tests on each.
+
+The real LinuxCNC passes the clauses of its agent (tests/gateway/commissioning/agent_test), and another maker's OPC UA
+server has its own tests.
 
 Another implementation joins by a class that derives from NcBench and an entry in BENCHES.
 """
@@ -13,17 +16,12 @@ from drivers.agent.control import AgentControl
 from drivers.agent.settings import AgentSettings
 from drivers.base import SystemClock
 from drivers.nc import NumericalControl, ProbingState, RequestStatus, WatchdogTerms
-from drivers.sinumerik.control import Sinumerik
 from drivers.sinumerik.make import make_sinumerik
 from drivers.sinumerik.settings import OffsetRoute, SinumerikSettings
-from simulators.linuxcnc.machine import HURRY
 from simulators.nc import FollowingTerms, Nck
-from tests.benches import linuxcnc_bench
 from tests.benches.emulated_bench import DayPlant, day, sinumerik_bench, wired
 from tests.benches.in_process_nc import InProcess
 from tests.benches.manual_clock import ManualClock
-from tests.benches.node_opcua_site import secured
-from tests.benches.npm_peer import node_with, running
 from tests.benches.reference_agent import ServedAgent, served_agent, workshop_machine
 
 _NO_SAFE_POINT_S = 10.0
@@ -34,15 +32,11 @@ FINAL = (ProbingState.DONE, ProbingState.REFUSED, ProbingState.FAILED)
 class NcBench(ABC):
     """A control on the bench and the driver under test, connected; no gateway has claimed it."""
 
-    name = ""
-    """As in BENCHES."""
     nc: NumericalControl
     working: Mapping[str, float]
     """Machine states after `work`."""
     tick_s = 0.05
     """The control's time between two looks."""
-    is_simulated = True
-    """Whether this is the test's time; otherwise the computer's."""
 
     @abstractmethod
     def another(self) -> NumericalControl:
@@ -50,7 +44,7 @@ class NcBench(ABC):
 
     @abstractmethod
     async def wait(self, seconds: float) -> None:
-        """Let the control's time pass: the computer's for a third-party program, the test's for an emulated control."""
+        """Let the control's time pass."""
 
     @abstractmethod
     async def work(self) -> None:
@@ -123,35 +117,6 @@ class EmulatedBench(NcBench):
         """Nothing to do: the safe point comes by itself, at the end of an operation."""
 
 
-class LinuxCncBench(NcBench):
-    """The real LinuxCNC with its agent."""
-
-    is_simulated = False
-
-    def __init__(self, bench: linuxcnc_bench.AgentBench) -> None:
-        self._bench, self.nc = bench, bench.nc
-        self.working = {"spindle_speed": 1200.0, "coolant": 1.0}
-
-    def another(self) -> NumericalControl:
-        return AgentControl(self._bench.settings, SystemClock())
-
-    async def wait(self, seconds: float) -> None:
-        await self._bench.pass_time(seconds)
-
-    async def work(self) -> None:
-        await self._bench.operator.ask("mdi", "T5 M6 M3 S1200 M8")
-
-    async def stop(self) -> None:
-        await self._bench.operator.ask("estop")
-
-    async def switch_on(self) -> None:
-        await self._bench.operator.ask("switch_on")
-        await self._bench.operator.ask("home")
-
-    async def allow_probing(self) -> None:
-        await self._bench.operator.ask("hal", "setp", "talc.may-start", "1")
-
-
 class ReferenceAgentBench(NcBench):
     """The agent of examples/agent, on the test's time."""
 
@@ -177,40 +142,6 @@ class ReferenceAgentBench(NcBench):
 
     async def allow_probing(self) -> None:
         self._machine.safe = True
-
-
-class NodeOpcuaBench(NcBench):
-    """Our driver with another maker's OPC UA stack, which has its own part program and watchdog."""
-
-    is_simulated = False
-
-    def __init__(self, process: asyncio.subprocess.Process, settings: SinumerikSettings) -> None:
-        self._process, self._settings = process, settings
-        self.working = {"spindle_speed": 8000.0, "coolant": 1.0, "speed_X": 720.0, "speed_C": 2.0}
-        self.nc = self.another()
-
-    def another(self) -> NumericalControl:
-        return Sinumerik(self._settings, SystemClock())
-
-    async def wait(self, seconds: float) -> None:
-        await asyncio.sleep(seconds)
-
-    async def work(self) -> None:
-        """Nothing to do: it always works."""
-
-    async def stop(self) -> None:
-        await self._tell("alarm 3000")
-
-    async def switch_on(self) -> None:
-        await self._tell("clear")
-
-    async def allow_probing(self) -> None:
-        await self._tell("allow")
-
-    async def _tell(self, line: str) -> None:
-        assert self._process.stdin is not None
-        self._process.stdin.write(line.encode() + b"\n")
-        await self._process.stdin.drain()
 
 
 Opened = AbstractAsyncContextManager[NcBench]
@@ -246,29 +177,9 @@ def sinumerik(compensation: OffsetRoute, subscribe_s: float = 0.0) -> Callable[[
 
 
 @asynccontextmanager
-async def linuxcnc(folder: Path) -> AsyncIterator[NcBench]:
-    settings = {**HURRY, "SLEW": 1.0, "FEED": 60, "FIND_FEED": 2000}
-    tools = "T99 P99 Z40 D6 ;probe\nT5 P5 Z17 D6 ;mill\n"
-    async with linuxcnc_bench.running(folder, settings, sphere=True, tools=tools) as inner:
-        yield LinuxCncBench(inner)
-
-
-@asynccontextmanager
 async def reference_agent(folder: Path) -> AsyncIterator[NcBench]:
     async with served_agent(workshop_machine()) as served:
         bench = ReferenceAgentBench(served, served.settings(folder))
-        await bench.nc.connect()
-        try:
-            yield bench
-        finally:
-            await bench.nc.close()
-
-
-@asynccontextmanager
-async def node_opcua(folder: Path) -> AsyncIterator[NcBench]:
-    node, site = node_with("node_opcua", "node-opcua"), await secured(folder, "gateway")
-    async with running(node, "node_opcua/server.js", *site.arguments, slow=True) as (url, process):
-        bench = NodeOpcuaBench(process, wired(site.settings(url, subscribe_s=0.05)))
         await bench.nc.connect()
         try:
             yield bench
@@ -285,11 +196,6 @@ BENCHES: dict[str, Callable[[Path], Opened]] = {
     "sinumerik_told_and_by_r": sinumerik(OffsetRoute(route="r"), subscribe_s=0.05),
     "sinumerik_slopes": sinumerik(OffsetRoute(route="k0_slope", travel_mm=TRAVEL, tables={"XY": 0, "YX": 2})),
     "sinumerik_errors": sinumerik(OffsetRoute(route="errors", travel_mm=TRAVEL)),
-    "sinumerik_encrypted_by_node_opcua": node_opcua,
-    "linuxcnc": linuxcnc,
     "reference_agent": reference_agent,
 }
-NEEDS_DEBIAN = {"sinumerik_encrypted_by_node_opcua", "linuxcnc"}
-SLOW = {"sinumerik_told_and_by_r", "sinumerik_slopes", "sinumerik_errors", *NEEDS_DEBIAN}
-RUN_DRY = set(BENCHES) - NEEDS_DEBIAN
-"""Those whose program certainly knows dry runs."""
+SLOW = {"sinumerik_told_and_by_r", "sinumerik_slopes", "sinumerik_errors"}

@@ -7,16 +7,23 @@ sticks at every move of a cycle.
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import pairwise, permutations
 
 import numpy as np
 
 from simulators.nc.axes import Reset
+from simulators.nc.spindle import NO_FLUID
 from simulators.nc.synchronised import ProgramAlarm
 from tests.benches import nc_starts
-from tests.benches.probed_workshop import Workshop
+from tests.benches.probed_workshop import CONTACT_MM, Workshop
 from tests.benches.probing_programs import (
     CLEARANCE_MM,
+    FEEDS,
+    IDEAL,
+    LIMITS,
+    NOMINAL,
     POSES,
+    REACH,
     SAFE_Z,
     Cell,
     off_the_way,
@@ -59,12 +66,26 @@ _STATES: dict[str, nc_starts.State] = {
     "old tool's offset with the first edge": _ODD | {"edge after a change": -2, "old tool's offset": True, "edge": 1},
     "old tool's offset without a magazine": nc_starts.USUAL | {"edge after a change": -2, "old tool's offset": True},
     "no edge after a change": nc_starts.USUAL | {"edge after a change": 0, "edge": 0},
-    "the spindle turns": nc_starts.USUAL | {"spindle": 3},
-    "the spindle turns backwards": nc_starts.USUAL | {"spindle": 4},
-    "the spindle was switched on by hand": nc_starts.USUAL | {"spindle speed": 500.0},
-    "the spindle was switched on backwards by hand": nc_starts.USUAL | {"spindle speed": -500.0},
-    "alarm": nc_starts.USUAL | {"control is": "alarmed"},
-    **{f"control is {what}": nc_starts.USUAL | {"control is": what} for what in nc_starts.CHOICES["control is"][1:5]},
+    "the spindle turns": nc_starts.USUAL | {"spindle": 3, "cutting fluid": 7, "group of the fluid": 5},
+    "the spindle turns backwards": nc_starts.USUAL
+    | {"spindle": 4, "speed by": "SVC", "cutting fluid": 8, "group of the fluid": 5},
+    "constant cutting speed": nc_starts.USUAL | {"spindle": 4, "group 15": "G96"},
+    "constant cutting speed at rest": nc_starts.USUAL | {"group 15": "G96", "cutting fluid": 8},
+    **{
+        f"the spindle is {what}": nc_starts.USUAL | {"spindle is": what, "speed by": by}
+        for by, what in zip(("S", "S", "nothing", "S", "S"), nc_starts.CHOICES["spindle is"][1:], strict=True)
+    },
+    "the spindle was switched off by hand": nc_starts.USUAL | {"spindle": 3, "spindle is": "switched by hand"},
+    "a grinding wheel": nc_starts.USUAL | {"speed by": "a wheel"},
+    **{f"control is {what}": nc_starts.USUAL | {"control is": what} for what in nc_starts.CHOICES["control is"][1:]},
+    "the table turned back": nc_starts.USUAL | {"A": 0.0, "C": 7310.0},
+    "Z ends above the way": nc_starts.USUAL | {"Z goes to": 400.0},
+    "Z ends below it": nc_starts.USUAL | {"Z goes to": 400.0, "raised": 50.0, "group 13": "G700"},
+    **{
+        f"Z ends just above the way, and it is {raised:g} mm higher": nc_starts.USUAL
+        | {"Z goes to": SAFE_Z + 10.0, "raised": raised}
+        for raised in (20.0, 50.0)
+    },
     **{f"axis {axis}": nc_starts.USUAL | {"not referenced": axis, "start lock": False} for axis in "XYZAC"},
     "transformation": nc_starts.USUAL | {"transformation": 24},
     "tool carrier": nc_starts.USUAL | {"tool carrier": 1},
@@ -82,11 +103,12 @@ def _answer(cell: Cell, state: int, reason: int) -> Iterator[str]:
 def _failed(cell: Cell, reason: int) -> list[str]:
     """Run it: the cycle fails for this reason, the probe is up again, and the part program goes on as before."""
     before = cell.state()
+    switched_on = cell.axes.spindle == "turns" or cell.axes.fluid != NO_FLUID
     try:
         cell.safe_point()
     except ProgramAlarm as alarm:
         return [str(alarm)]
-    wrong = [*_answer(cell, 5, reason), *unsafe(cell, cell.r[63])]
+    wrong = [*_answer(cell, 5, reason), *unsafe(cell, cell.r[63]), *_not_back(cell)]
     if cell.moves and cell.moves[-1].path[-1, 2] < SAFE_Z + cell.r[63] - 1e-3:
         wrong.append("the probe is left below TALC_SAFE_Z")
     if cell.state() != before:
@@ -95,14 +117,25 @@ def _failed(cell: Cell, reason: int) -> list[str]:
         wrong.append("the probe is left at what it met")
     if cell.axes.probe_on:
         wrong.append("the probe stays switched on")
-    if len(cell.halts) != (reason != 4) or not all(cell.halts):
-        wrong.append(f"stopped with {cell.halts}, and NC start is needed unless it was withdrawn")
+    if len(cell.halts) != (reason != 4 or switched_on) or not all(cell.halts):
+        wrong.append(f"stopped with {cell.halts}: expected unless it was withdrawn and nothing is switched on")
     *_, (_, let_go), (state, ended) = [(value, at) for number, value, at, _ in cell.channel.written if number == 65]
     if let_go["Z"] < SAFE_Z + cell.r[63] - 1e-3:
         wrong.append("the offsets are let go before the probe is up")
     if state != 5.0 or ended["T"] != before["tools"][0]:
         wrong.append("R65 becomes 5 before the tool is back")
     return wrong
+
+
+def _not_back(cell: Cell) -> Iterator[str]:
+    """What was met on the way is left by the way that it came, as fast at most; and the last move does not go down."""
+    for move, back in pairwise(cell.moves):
+        if move.met and move.feed > FEEDS["touch"] and not np.allclose(back.path[-1], move.path[0], atol=1e-6):
+            yield "does not go back where it came from"
+        if move.met and back.feed > max(move.feed, FEEDS["way"] * (move.feed <= FEEDS["touch"])):
+            yield "goes back faster than it came"
+    if cell.moves and not cell.moves[-1].measures and cell.moves[-1].path[-1, 2] < cell.moves[-1].path[0, 2] - 1e-6:
+        yield "goes down at the end"
 
 
 def _not_begun(cell: Cell, state: int, reason: int) -> list[str]:
@@ -180,6 +213,15 @@ def _no_probe(texts: Texts) -> list[str]:
     return wrong
 
 
+def _loaded_by_hand(texts: Texts) -> list[str]:
+    """Where T changes the tool: a tool that was programmed before this one was put in is not fetched again."""
+    cell = Cell(texts=texts)
+    cell.tools.mode = 0
+    cell.tools.begin(3, 1, 0, preselected=7)
+    cell.safe_point()
+    return [] if (cell.r[65], cell.axes.tool) == (3.0, 3) else [f"R65 {cell.r[65]:g}, tool {cell.axes.tool}"]
+
+
 def _nobody(texts: Texts) -> list[str]:
     wrong = []
     for request, answered in ((0.0, 6.0), (7.0, 7.0)):
@@ -192,6 +234,106 @@ def _nobody(texts: Texts) -> list[str]:
 
 def _no_sphere(texts: Texts) -> list[str]:
     return _failed(Cell(replace(Cell().workshop, present=False), texts), 6)
+
+
+def _switched_on(cell: Cell) -> Cell:
+    """The part program calls with spindle and cutting fluid on."""
+    spindle = cell.channel.spindle
+    spindle.direction, spindle.s = 3, {1: 800.0}
+    spindle.switch(3)
+    spindle.wait()
+    spindle.fluid, cell.channel.data("TALC_FLUID_GROUP")[0] = 8, 5
+    return cell
+
+
+def _no_sphere_switched_on(texts: Texts) -> list[str]:
+    """Spindle and fluid are switched on again after NC start, not before."""
+    return _failed(_switched_on(Cell(replace(Cell().workshop, present=False), texts)), 6)
+
+
+def _no_probe_switched_on(texts: Texts) -> list[str]:
+    cell = _switched_on(Cell(texts=texts))
+    cell.tools.managed, cell.tools.lost = True, frozenset({99})
+    return _not_begun(cell, 4, 2)
+
+
+def _withdrawn_switched_on(texts: Texts) -> list[str]:
+    wrong = []
+    for fluid, direction in ((9, 3), (9, 4), (7, 5), (8, 5)):
+        cell = _switched_on(Cell(texts=texts))
+        cell.channel.spindle.direction = direction
+        cell.channel.spindle.switch(direction)
+        cell.channel.spindle.wait()
+        cell.axes.fluid = fluid
+        wrong += _withdrawn_in(cell, 4)
+    cell = Cell(texts=texts)
+    cell.channel.spindle.direction = 3
+    cell.channel.spindle.turn_to(123.0)  # it goes back there without being switched on
+    return [*wrong, *_withdrawn_in(cell, 4)]
+
+
+def _alarm_later(texts: Texts) -> list[str]:
+    """One that stops something comes while the block before the call still moves."""
+    wrong = []
+    for bit in (0x04, 0x11, 0x40, 0x2000):
+        cell = _called_after_a_move(texts)
+
+        def before(_: int, cell: Cell = cell, bit: int = bit) -> None:
+            cell.channel.told.alarm = bit | 0x200
+
+        cell.axes.before = before
+        cell.channel.start("PART_PROGRAM")
+        wrong += [*_answer(cell, 4, 1), *(["moves"] if len(cell.moves) > 1 else [])]
+    return wrong
+
+
+def _beyond_travel(texts: Texts) -> list[str]:
+    """Each end of each axis, a little too near and just far enough; C has none."""
+    room, wrong = CONTACT_MM + 2 * REACH, list[str]()
+    taught = np.array([IDEAL.taught(*pose) for pose in NOMINAL.poses_deg])
+    angles = [a for a, _ in NOMINAL.poses_deg]
+    ends: dict[str, tuple[float, float]] = {
+        "X": (taught[:, 0].min() - room, taught[:, 0].max() + room),
+        "Y": (taught[:, 1].min() - room, taught[:, 1].max() + room),
+        "Z": (taught[:, 2].min() - REACH, SAFE_Z),
+        "A": (min(angles), max(angles)),
+    }
+    ends = {axis: (float(low), float(high)) for axis, (low, high) in ends.items()}
+    for axis, (low, high) in ends.items():
+        for near in ((low + 0.1, LIMITS[axis][1]), (LIMITS[axis][0], high - 0.1)):
+            cell = Cell(texts=texts)
+            cell.axes.limits = {**LIMITS, axis: near}
+            wrong += [f"{axis} {near}: {fault}" for fault in _not_begun(cell, 4, 18)]
+    cell = Cell(texts=texts)
+    cell.axes.limits = {**LIMITS, **{axis: (low - 1e-6, high + 1e-6) for axis, (low, high) in ends.items()}}
+    wrong += _done_within_travel(cell)
+    cell = Cell(texts=texts)
+    cell.r[63] = 50.0  # so much higher is the lower end of Z needed too
+    cell.axes.limits = {**LIMITS, "Z": (ends["Z"][0] + 50.0 - 1e-6, LIMITS["Z"][1])}
+    return [*wrong, *_done_within_travel(cell)]
+
+
+def _done_within_travel(cell: Cell) -> Iterator[str]:
+    cell.axes.position.update(Y=0.0, Z=SAFE_Z + cell.r[63])
+    cell.tools.change_height = None
+    cell.safe_point()
+    if cell.r[65] != 3.0:
+        yield f"refused within its travel: R66 = {cell.r[66]:g}"
+
+
+def _found_too_high(texts: Texts) -> list[str]:
+    """Between its touches the probe goes as much higher as the sphere is found: here higher than TALC_SAFE_Z."""
+    wrong = []
+    highest = max(float(IDEAL.taught(*pose)[2]) for pose in NOMINAL.poses_deg)
+    for raised, needed in ((0.0, SAFE_Z + REACH), (20.0, SAFE_Z + 20.0 + REACH)):
+        for room, ended in ((-0.1, [7.0, 4.0, 18.0]), (1e-6, [7.0, 3.0, 0.0])):
+            cell = Cell(texts=texts, data={"TALC_CLEAR_MM": SAFE_Z - CONTACT_MM - highest})
+            cell.r[63], cell.axes.limits = raised, {**LIMITS, "Z": (LIMITS["Z"][0], needed + room)}
+            cell.axes.position["Z"], cell.tools.change_height = SAFE_Z, None
+            cell.safe_point()
+            if cell.r[64:67] != ended or bool(cell.moves) is (room < 0.0):
+                wrong.append(f"Z to {needed + room:g}, {raised:g} mm higher: {cell.r[64:67]}, {len(cell.moves)} moves")
+    return wrong
 
 
 def _moved_sphere(texts: Texts) -> list[str]:
@@ -211,6 +353,28 @@ def _post_on_the_way(texts: Texts) -> list[str]:
     return [*_failed(cell, 11), *(["R65 was 2"] if (65, 2.0) in reported(cell) else [])]
 
 
+def _other_turns(texts: Texts) -> list[str]:
+    """C has turned often, and its poses are entered as other turns of the same angles."""
+    wrong = []
+    for turns, stands in (
+        ((0.0, -270.0, -180.0, 630.0, -1e-7, 360.0), -3600.0),
+        ((0.0, 90.0, 180.0, 270.0, 720.0, 0.0), 1e6),
+    ):
+        cell = Cell(texts=texts)
+        cell.channel.data("TALC_C")[:], cell.axes.position["C"] = turns, stands
+        start = started_at(cell)
+        cell.safe_point()
+        wrong += [*off_the_way(cell, start), *unsafe(cell), *(["R65 is not 3"] if cell.r[65] != 3.0 else [])]
+    for stands in (-720.0, -1e-7):
+        cell = Cell(Workshop(_SPHERE, post_mm=(85.0, -85.0, 305.0)), texts)
+        cell.channel.data("TALC_C")[0] = stands
+        wrong += _failed(cell, 11)
+    cell = Cell(Workshop(_SPHERE, post_mm=(75.0, -20.0, 305.0)), texts)
+    cell.axes.position.update(X=63.6, Y=-44.5, Z=SAFE_Z, A=0.0, C=-400.0)
+    cell.tools.change_height = None
+    return [*wrong, *_failed(cell, 11)]
+
+
 def _met_in_dry_run(texts: Texts) -> list[str]:
     """The sphere is as much higher as the whole way: a touch meets it."""
     cell = Cell(Workshop((_SPHERE[0], _SPHERE[1], _SPHERE[2] + 50.0)), texts)
@@ -220,8 +384,10 @@ def _met_in_dry_run(texts: Texts) -> list[str]:
 
 def withdrawn_at(texts: Texts, at: int) -> list[str]:
     """Withdrawn within a move: after it, and after the way back from what it met, it goes up only."""
-    cell = Cell(texts=texts)
+    return _withdrawn_in(Cell(texts=texts), at)
 
+
+def _withdrawn_in(cell: Cell, at: int) -> list[str]:
     def before(number: int) -> None:
         cell.r[61] = 7.0 if number == at else cell.r[61]
 
@@ -229,6 +395,23 @@ def withdrawn_at(texts: Texts, at: int) -> list[str]:
     wrong = _failed(cell, 4)
     back = any(move.met for move in cell.moves[at : at + 1])
     return [*wrong, *(["went on"] if len(cell.moves) > at + 2 + back else [])]
+
+
+def _withdrawn_while_another_asks(texts: Texts) -> list[str]:
+    """What is withdrawn is the request that the cycle answers, whatever stands in R60 meanwhile."""
+    wrong = []
+    for asked, withdrawn, ended in ((8.0, 7.0, (5.0, 4.0)), (8.0, 8.0, (3.0, 0.0))):
+        cell = Cell(texts=texts)
+
+        def before(number: int, cell: Cell = cell, asked: float = asked, withdrawn: float = withdrawn) -> None:
+            if number == 7:
+                cell.r[60], cell.r[61] = asked, withdrawn
+
+        cell.axes.before = before
+        cell.safe_point()
+        if cell.r[64] != 7.0 or tuple(cell.r[65:67]) != ended:
+            wrong.append(f"R60 = {asked:g}, R61 = {withdrawn:g}: R64 to R66 = {cell.r[64:67]}, not {ended}")
+    return wrong
 
 
 def _height_changed(texts: Texts) -> list[str]:
@@ -246,10 +429,15 @@ def _height_changed(texts: Texts) -> list[str]:
     return [*off_the_way(cell, start), *unsafe(cell)]
 
 
-def _asked_late(texts: Texts) -> list[str]:
-    """The request comes while the block before the call still moves."""
+def _called_after_a_move(texts: Texts) -> Cell:
     cell = Cell(texts={**texts, "part": "PROC PART_PROGRAM DISPLOF\nSUPA G1 Y=-60 F=1000\nTALC_SAFE_POINT\nRET"})
     cell.channel.modal.switch("G94")
+    return cell
+
+
+def _asked_late(texts: Texts) -> list[str]:
+    """The request comes while the block before the call still moves."""
+    cell = _called_after_a_move(texts)
     cell.r[60] = 0.0
 
     def before(_: int) -> None:
@@ -320,15 +508,21 @@ def _reset_later(texts: Texts) -> list[str]:
 
 def _loose_sphere(texts: Texts) -> list[str]:
     """It is elsewhere when the third round at the first pose begins: R88 says by how much."""
-    cell = Cell(texts=texts)
+    wrong = []
+    for axis, way in ((0, 0.05), (0, -0.05), (1, -0.05), (2, -0.05)):
+        cell = Cell(texts=texts)
 
-    def before(number: int) -> None:
-        if number == 63:
-            cell.workshop.sphere_mm = (_SPHERE[0] + 0.05, *_SPHERE[1:])
+        def before(number: int, cell: Cell = cell, axis: int = axis, way: float = way) -> None:
+            if number == 63:
+                moved = list(_SPHERE)
+                moved[axis] += way
+                cell.workshop.sphere_mm = (moved[0], moved[1], moved[2])
 
-    cell.axes.before = before
-    cell.safe_point()
-    return [] if cell.r[65] == 3.0 and abs(cell.r[88] - 0.05) < 0.002 else [f"R88 = {cell.r[88]:g}"]
+        cell.axes.before = before
+        cell.safe_point()
+        if cell.r[65] != 3.0 or abs(cell.r[88] - 0.05) > 0.002:
+            wrong.append(f"moved by {way} in {'XYZ'[axis]}: R88 = {cell.r[88]:g}")
+    return wrong
 
 
 def pushed_at(texts: Texts, at: int) -> list[str]:
@@ -374,6 +568,41 @@ def jogged_within(texts: Texts, at: int) -> list[str]:
     return wrong
 
 
+def _moved_after_a_touch(texts: Texts) -> list[str]:
+    """By hand, in the minus direction, along the sphere: nothing else tells it than where the axes are."""
+    wrong = []
+    usual = Cell(texts=texts)
+    usual.safe_point()
+    along = [int(np.argmax(np.abs(move.path[1] - move.path[0])[:3])) for move in usual.moves]
+    touches = [next(n for n, move in enumerate(usual.moves) if move.met and along[n] == axis) for axis in range(3)]
+    for touched, moved in permutations(range(3), 2):
+        for where in ("after", "within"):
+            cell = Cell(texts=texts)
+
+            def after(number: int, cell: Cell = cell, at: int = touches[touched], axis: str = "XYZ"[moved]) -> None:
+                cell.axes.position[axis] -= 1.5 if number == at else 0.0
+
+            if where == "after":
+                cell.axes.after = after
+            else:
+                cell.axes.jogged[touches[touched]] = {"XYZ"[moved]: -1.0}
+            cell.safe_point()
+            wrong += [f"{'XYZ'[touched]}, {where}, {'XYZ'[moved]}: {fault}" for fault in _answer(cell, 5, 12)]
+    return wrong
+
+
+def _stuck_high(texts: Texts) -> list[str]:
+    """In a dry run that is so high that all of it is above TALC_SAFE_Z: up to the dry run's own height."""
+    cell = Cell(texts=texts)
+    cell.r[63] = 200.0
+
+    def after(number: int) -> None:
+        cell.axes.stuck |= number == 7
+
+    cell.axes.after = after
+    return _failed(cell, 10)
+
+
 def stuck_at(texts: Texts, at: int) -> list[str]:
     """The probe sticks after a move."""
     cell = Cell(texts=texts)
@@ -404,12 +633,21 @@ CASES: dict[str, Callable[[Texts], list[str]]] = {
     "dry run below the sphere": _below_zero,
     "a dry run without its height": _height_taken_away,
     "no probe": _no_probe,
+    "loaded by hand": _loaded_by_hand,
     "no sphere": _no_sphere,
+    "no sphere, and the spindle was on": _no_sphere_switched_on,
+    "no probe, and the spindle was on": _no_probe_switched_on,
+    "withdrawn, and the spindle or the fluid was on": _withdrawn_switched_on,
+    "an alarm that stops something": _alarm_later,
+    "beyond the travel": _beyond_travel,
+    "a sphere that may be found too high": _found_too_high,
     "a sphere elsewhere": _moved_sphere,
     "a post on the table": _post,
     "a post on the way": _post_on_the_way,
+    "other turns of the table": _other_turns,
     "something met in a dry run": _met_in_dry_run,
     "withdrawn within the cycle": _some(withdrawn_at, (0, 4, 7, 150, 151, 152)),
+    "withdrawn while another asks": _withdrawn_while_another_asks,
     "a height that changes": _height_changed,
     "withdrawn after a failure": _withdrawn_after_a_failure,
     "asked while an axis moves": _asked_late,
@@ -421,7 +659,9 @@ CASES: dict[str, Callable[[Texts], list[str]]] = {
     "one axis moved by hand": _some(pushed_at, (3,)),
     "a loose sphere": _loose_sphere,
     "moved by hand within a touch": _some(jogged_within, (5,)),
+    "moved by hand after a touch": _moved_after_a_touch,
     "a probe that sticks": _some(stuck_at, (2, 3, 6, 7)),
+    "a probe that sticks in a high dry run": _stuck_high,
 }
 
 

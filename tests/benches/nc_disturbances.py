@@ -31,6 +31,7 @@ from drivers.sinumerik.settings import PAIRS, OffsetRoute, SinumerikSettings
 from gateway.config.extended import validate
 from gateway.model.notice import Notice
 from gateway.nc.link import NcLink
+from gateway.nc.problems import DISARMING
 from gateway.nc.settings import Earlier, Identity, LinkSettings, Listeners
 from gateway.runtime.clocks import RealClock
 from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MeanLoads, Nck
@@ -62,7 +63,8 @@ class Disturbed:
     largest_um: dict[str, float]
     """Largest change of any axis within one period, after each kind of disturbance."""
     counts: Counter[str]
-    disarmed: int
+    disarmings: tuple[Notice, ...]
+    """What a gateway said when it disarmed itself."""
     moved_um: float
     """The largest offset in force at any time: an offset of zero cannot step."""
     seconds: float
@@ -85,7 +87,8 @@ class NcSite:
     """A factor on every time and, inversely, on the slew."""
     notices: list[Notice] = field(default_factory=list)
     owner: int = 1
-    disarmed: int = 0
+    disarmings: list[Notice] = field(default_factory=list)
+    """What a gateway said when it disarmed itself."""
     link: NcLink | None = None
     _task: asyncio.Task[None] | None = None
     _nc: NumericalControl | None = None
@@ -169,7 +172,7 @@ class NcSite:
         """Start a gateway again that has disarmed itself, as an operator would."""
         assert self.link is not None
         if not self.link.armed:
-            self.disarmed += 1
+            self.disarmings.append(next(n for n in reversed(self.notices) if n.code in DISARMING))
             await self.end(stopped=False)
             self.start()
 
@@ -211,9 +214,7 @@ async def disturbed(
 ) -> Disturbed:
     """Run `count` disturbances of these kinds in turn on a route. late_s: how long a write is held."""
     draw, clock = random.Random(seed), RealClock()
-    plain = SinumerikSettings(
-        security="none", url="opc.tcp://nc", timeout_s=1.0, session_s=SILENCE_S / 2, compensation=compensation_of(route)
-    )
+    plain = driver_settings(route)
     day = LoadCase([DayPart(0.0, 1e12, Activity.PAUSE, MeanLoads())])
     cycle = CycleSettings(noise_um=0.0)
     async with AsyncExitStack() as stack:
@@ -235,11 +236,22 @@ async def disturbed(
         end_s = clock.monotonic()
         control.nck.advance(end_s)
     largest, moved = largest_changes(record, events, (began_s, end_s))
-    return Disturbed(largest, Counter(kind for _, kind in events), site.disarmed, moved, end_s - began_s)
+    return Disturbed(largest, Counter(kind for _, kind in events), tuple(site.disarmings), moved, end_s - began_s)
 
 
-def compensation_of(route: str) -> OffsetRoute:
-    """The settings of a route."""
+def driver_settings(route: str) -> SinumerikSettings:
+    """The driver's settings on a route."""
+    return SinumerikSettings(
+        security="none",
+        url="opc.tcp://nc",
+        timeout_s=1.0,
+        session_s=SILENCE_S / 2,
+        origin_tool_mm=0.0,
+        compensation=_compensation(route),
+    )
+
+
+def _compensation(route: str) -> OffsetRoute:
     match route:
         case "errors":
             return OffsetRoute(route="errors", travel_mm=_TRAVEL)
@@ -330,7 +342,9 @@ def main(count: int, seed: int, route: str) -> None:
     found = run(route, count, seed)
     for kind, largest in found.largest_um.items():
         click.echo(f"{kind:<10}{found.counts[kind]:>5} times, largest change within one period {largest:.3f} µm")
-    click.echo(f"{found.seconds:.0f} s, offsets up to {found.moved_um:.1f} µm, disarmed {found.disarmed} times")
+    click.echo(f"{found.seconds:.0f} s, offsets up to {found.moved_um:.1f} µm, disarmed {len(found.disarmings)} times")
+    for notice in found.disarmings:
+        click.echo(f"  disarmed: {notice.code} {dict(notice.values)}")
     sys.exit(0 if max(found.largest_um.values()) <= SLEW_UM_PER_S * PERIOD_S * 1.001 + 1e-6 else 1)
 
 

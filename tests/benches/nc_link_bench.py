@@ -68,6 +68,8 @@ class ScriptedControl:
     """The control's statement: how long after it was sent an unanswered write may take effect."""
     closed: int = 0
     looks: int = 0
+    garbled: set[int] = field(default_factory=set)
+    """Looks whose answer has a changed byte."""
     hangs: str = ""
     """Within its next "beat", "look" or "read back" the gateway stands still, and the watchdog has acted meanwhile."""
 
@@ -161,8 +163,8 @@ class ScriptedControl:
         self._hang("look")
         if self.looks % 2 == 0:  # the first look of a step comes before the write, the second after it
             self._hang("read back")
-            return self.in_force
-        return answer
+            answer = self.in_force
+        return (answer[0] + 8.0, *answer[1:]) if self.looks in self.garbled else answer
 
     def _hang(self, within: str) -> None:
         if self.hangs == within:

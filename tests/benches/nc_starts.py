@@ -2,7 +2,8 @@
 
 Each value of each state alone first, then seeded mixtures. What has to happen in a state is decided here by docs/nc.md:
 nothing at all, a refusal with its reason before anything moves, or the intended way, with the state as before at its
-end. Prints how many there were of each, and what was otherwise.
+end. Prints how many there were of each, and what was otherwise. A refusal is one of four (a transformation, a turned
+frame, an axis that is not referenced, a tool that is not known), or beyond them.
 """
 
 import argparse
@@ -14,6 +15,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any, NoReturn
 
 from simulators.nc.modal import GROUPS
+from simulators.nc.spindle import AS_AXIS, STANDS
 from simulators.nc.synchronised import ProgramAlarm
 from tests.benches.probing_programs import (
     PROBE_TOOL,
@@ -34,7 +36,15 @@ CHOICES: dict[str, tuple[Any, ...]] = {
     "tool carrier": (0, 1),
     "programmable frame": ("none", "shifted", "turned"),
     "basic system": ("metric", "inch"),
-    "control is": ("ready", "searching", "testing", "simulating", "in dry run", "alarmed"),
+    "control is": (
+        "ready",
+        "searching",
+        "testing",
+        "simulating",
+        "in dry run",
+        "stopped by an alarm",
+        "showing an alarm",
+    ),
     "tool change mode": (1, 0),
     "edge after a change": (1, 0, -1, -2),
     "magazine management": (False, True),
@@ -54,7 +64,18 @@ CHOICES: dict[str, tuple[Any, ...]] = {
     "deflected": (False, True),
     "raised": (0.0, 50.0, 20.0),
     "spindle": (5, 3, 4),
-    "spindle speed": (0.0, 500.0, -500.0),
+    "spindle is": (
+        "as programmed",
+        "in position",
+        "slowing down",
+        "switched by hand",
+        "turned by something",
+        "an axis",
+    ),
+    "speed by": ("S", "nothing", "SVC", "a wheel"),
+    "cutting fluid": (9, 7, 8),
+    "group of the fluid": (0, 5),
+    "Z goes to": (700.0, 400.0, SAFE_Z + 10.0),
     "blocks ahead": (1000, 0),
     "F": (1234.0, 0.0),
 }
@@ -64,7 +85,7 @@ _MIXED = 0.35
 """How often a value of a mixture is another than usual; a third of that where it ends the cycle early."""
 _EARLY = {
     "group 7", "group 47", "transformation", "tool carrier", "control is", "not referenced", "deflected",
-    "old tool's offset", "spindle", "spindle speed",
+    "old tool's offset", "spindle is", "speed by",
 }  # fmt: skip
 
 
@@ -90,9 +111,9 @@ def made(state: State, texts: Mapping[str, str] | None = None) -> Cell:
     told.metric, told.start_lock = state["basic system"] == "metric", state["start lock"]
     told.search, told.test = state["control is"] == "searching", state["control is"] == "testing"
     told.simulation, told.dry_run = state["control is"] == "simulating", state["control is"] == "in dry run"
-    told.alarm = 0x40 if state["control is"] == "alarmed" else 0
-    told.turns, told.speed = state["spindle"], state["spindle speed"]
-    axes.spindle = "stands" if state["spindle"] == 5 and not state["spindle speed"] else "turns"
+    told.alarm = {"stopped by an alarm": 0x240, "showing an alarm": 0x200}.get(state["control is"], 0)
+    _spindle(cell, state)
+    axes.limits = {**axes.limits, "Z": (axes.limits["Z"][0], state["Z goes to"])}
     told.length_stays = state["SUPA leaves the length"]
     channel.frames.settable = {"G54": (100.0, -50.0, 20.0), "G55": (-30.0, 10.0, -5.0)}
     channel.frames.shift = (5.0, 6.0, 7.0) if state["programmable frame"] != "none" else (0.0, 0.0, 0.0)
@@ -105,15 +126,37 @@ def made(state: State, texts: Mapping[str, str] | None = None) -> Cell:
     tools.begin(tool, edge, state["sum offset"] if edge else 0, waits)
     if _old_offset(state):
         tools.keep_offset_of(7)
-    if not state["the change moves Z"]:
-        tools.change_height = None
-    axes.position.update(Z=state["Z"], A=state["A"], C=state["C"])
+    tools.change_height = state["Z goes to"] - 50.0 if state["the change moves Z"] else None
+    axes.position.update(Z=min(state["Z"], state["Z goes to"]), A=state["A"], C=state["C"])
     if state["not referenced"]:
         axes.homed[state["not referenced"]] = False
     axes.stuck = state["deflected"]
     cell.r[63] = state["raised"]
     cell.r[64:68] = [6.0, 3.0, 0.0, 6.0]
     return cell
+
+
+def _spindle(cell: Cell, state: State) -> None:
+    """As the part program has it, and as it is."""
+    spindle, how = cell.channel.spindle, state["spindle is"]
+    by = {"nothing": 0, "S": 3 if state["group 15"] == "G96" else 1, "SVC": 2, "a wheel": 4}[state["speed by"]]
+    spindle.kind, spindle.s = by, {by: 800.0} if by else {}
+    spindle.direction = state["spindle"]
+    spindle.switch(state["spindle"])
+    spindle.wait()
+    if how == "slowing down":
+        spindle.speed = 300.0
+    elif how == "in position":
+        spindle.turn_to(123.0)
+    elif how == "an axis":
+        spindle.mode, spindle.speed = AS_AXIS, 0.0
+    elif how != "as programmed":
+        spindle.switched = {5: 4, 3: 5, 4: 3}[state["spindle"]] if how == "switched by hand" else state["spindle"]
+        stopped = how == "switched by hand" and spindle.switched == STANDS  # which the next M3 would start again
+        spindle.by_hand, spindle.speed = not stopped, 0.0 if stopped else -500.0
+    spindle.fluid = state["cutting fluid"]
+    cell.channel.data("TALC_FLUID_GROUP")[0] = state["group of the fluid"]
+    spindle.show()
 
 
 def _old_offset(state: State) -> bool:
@@ -128,6 +171,15 @@ def silent(state: State) -> bool:
     return in_contour or state["control is"] in ("searching", "testing", "simulating")
 
 
+_NOT_THE_PROGRAM_S = ("switched by hand", "turned by something", "an axis")
+OF_THE_FOUR = {9: "a transformation or tool carrier", 13: "an axis is not referenced", 14: "the tool is not known"}
+BEYOND = {
+    16: "the spindle is not as the program has it",
+    17: "the control's own dry run",
+    18: "the way ends beyond Z",
+}
+
+
 def refused(state: State) -> set[int]:
     """The reasons that apply (R66)."""
     edge, managed = state["edge"] if state["tool"] else 0, state["magazine management"]
@@ -135,11 +187,12 @@ def refused(state: State) -> set[int]:
     return {
         reason
         for reason, applies in (
-            (1, state["control is"] == "alarmed"),
-            (9, state["transformation"] or state["tool carrier"] or state["control is"] == "in dry run"),
+            (9, state["transformation"] or state["tool carrier"]),
             (13, state["not referenced"]),
             (14, _old_offset(state) if managed else unsure),
-            (16, state["spindle"] != 5 or state["spindle speed"]),
+            (16, state["spindle is"] in _NOT_THE_PROGRAM_S or state["speed by"] == "a wheel"),
+            (17, state["control is"] == "in dry run"),
+            (18, SAFE_Z + state["raised"] > state["Z goes to"]),
         )
         if applies
     }
@@ -153,8 +206,9 @@ def run(state: State, texts: Mapping[str, str] | None = None) -> tuple[str, list
     try:
         cell.safe_point()
     except ProgramAlarm as alarm:
-        locked = state["not referenced"] and state["start lock"]
-        return "start refused by the control", [] if locked and not cell.moves and cell.r == r else [str(alarm)]
+        locked, stopped = state["not referenced"] and state["start lock"], state["control is"] == "stopped by an alarm"
+        wrong = [] if (locked or stopped) and not cell.moves and cell.r == r else [str(alarm)]
+        return REFUSED_BY_CONTROL[not locked], wrong
     wrong = [] if cell.state() == before else [f"{before} became {cell.state()}"]
     if silent(state):
         wrong += ["R-parameters were written"] * (cell.r != r) + ["something moved"] * bool(cell.moves)
@@ -163,7 +217,8 @@ def run(state: State, texts: Mapping[str, str] | None = None) -> tuple[str, list
         wrong += ["something moved"] * bool(cell.moves) + ["a tool was changed"] * bool(cell.tools.changes)
         if cell.r[64] != 7 or cell.r[65] != 4 or cell.r[66] not in reasons or cell.r[67] != 0:
             wrong.append(f"R65 = {cell.r[65]:g}, R66 = {cell.r[66]:g}: expected refused for {reasons}")
-        return f"refused for reason {min(reasons)}", wrong
+        least = min(reasons)  # one of the four, if there is any
+        return f"refused, {OF_THE_FOUR.get(least) or 'beyond: ' + BEYOND[least]} ({least})", wrong
     wrong += unsafe(cell, raised)
     if state["deflected"]:
         moved = [*wrong, *(["a deflected probe moved elsewhere than up"] * _not_only_up(cell))]
@@ -200,6 +255,9 @@ def _not_only_up(cell: Cell) -> bool:
     )
 
 
+REFUSED_BY_CONTROL = ("the control starts nothing: an axis is not referenced", "the control starts nothing: an alarm")
+
+
 def tell(ended: Counter[str], what: str, bad: int) -> NoReturn:
     """Print how each ended, and exit with 1 if any was bad."""
     for how, count in ended.most_common():
@@ -219,6 +277,9 @@ def main() -> None:
             bad += 1
             other = {name: value for name, value in state.items() if value != USUAL[name]}
             print(f"state {number}: {how}, but {'; '.join(wrong[:3])}\n    {other}", flush=True)
+    four = sum(count for how, count in ended.items() if how.startswith(("refused, ", REFUSED_BY_CONTROL[0])))
+    beyond = sum(count for how, count in ended.items() if "beyond" in how)
+    print(f"{four - beyond:5d}  refused for one of the four, {beyond} beyond them")
     tell(ended, "states", bad)
 
 

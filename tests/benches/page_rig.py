@@ -100,11 +100,6 @@ class PageRig:
         """The service itself. Its log goes to a file beside its configuration."""
         return self._started("gateway", "run", str(config), log=config.with_suffix(".log"))
 
-    def demo(self, folder: Path, port: int, hours: float) -> ChildProgram:
-        """An emulated machine in fast motion, and its gateway."""
-        words = ("--hours", str(hours), "--folder", str(folder), "--zenoh-port", str(port))
-        return self._started("gateway", "demo", *words, log=folder / "said")
-
     def serve(self, ports: Sequence[int], settings: Path) -> None:
         """Start the page's program."""
         connect = [word for port in ports for word in ("--connect", f"tcp/127.0.0.1:{port}")]
@@ -186,6 +181,11 @@ def page_rig() -> Iterator[PageRig]:
         yield PageRig(browser, stack)
 
 
+def open_screen(page: Page, name: str) -> None:
+    """Open a screen of a machine as a person does."""
+    page.click(f"#rail [data-screen={name}]")
+
+
 def expect_each_part(page: Page, limit_ms: float = LIMIT_MS) -> None:
     """The page of a machine that has been learnt has data in each of its parts.
 
@@ -193,15 +193,16 @@ def expect_each_part(page: Page, limit_ms: float = LIMIT_MS) -> None:
     ----------
     limit_ms: until the first decision and the first axis error are there
     """
-    expect(page.locator("#because")).to_contain_text("left at the tool (95 %)", timeout=limit_ms)
+    expect(page.locator("#because")).to_contain_text("left at the tool, in", timeout=limit_ms)
     for axis in "XYZ":
-        half = page.locator(f"[data-axis={axis}] [data-of=half]")
+        half = page.locator(f"#axes [data-axis={axis}] [data-of=half]")
         expect(half).to_have_text(re.compile(r"^\d+\.\d\u202fµm$"), timeout=limit_ms)
     expect(page.locator("#waits")).to_contain_text("compensation")
     expect(page.locator("#waits")).to_contain_text("Last measurement")
     expect(page.locator("#channels li")).to_have_count(30)
-    expect(page.locator("#drives tbody tr")).to_have_count(9)
+    expect(page.locator("#drives .stack")).to_have_count(9)
     expect(page.locator("#health")).to_contain_text("30 of 30 good")
+    open_screen(page, "log")
     page.select_option("#event-kind", "")
     expect(page.locator("#events tbody tr")).not_to_have_count(0)
     expect(page.locator("#corrections tbody tr")).not_to_have_count(0)

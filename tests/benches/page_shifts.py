@@ -33,8 +33,9 @@ def top_of(page: Page, selector: str) -> float:
 
 
 def tops(page: Page) -> list[float]:
-    """Where each heading begins."""
+    """Where each heading and each part of the first screen begins."""
     found: list[float] = page.evaluate(
-        "() => [...document.querySelectorAll('h1, h2, h3')].map((h) => h.getBoundingClientRect().top + scrollY)"
+        """() => [...document.querySelectorAll('h1, h2, h3, .card, #word, #because, #helps, #axes article')]
+          .map((each) => each.getBoundingClientRect().top + scrollY)"""
     )
     return found

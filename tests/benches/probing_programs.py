@@ -14,12 +14,13 @@ import numpy as np
 from simulators.nc import CycleSettings
 from simulators.nc.axes import Axes, Move
 from simulators.nc.channel import Channel
+from simulators.nc.spindle import IN_POSITION, NO_FLUID, STANDS
 from simulators.nc.synchronised import SystemVariable
 from simulators.nc.tools import Tools
 from tests.benches.probed_workshop import CONTACT_MM, PROBE_MM, Floats, Workshop
 
 FOLDER = Path(__file__).parents[2] / "deploy" / "nc" / "sinumerik"
-PROBING = ("SAFE_POINT", "CYCLE", "OVER", "SPHERE", "TOUCH", "GO", "HERE", "SWITCH", "RESET")
+PROBING = ("SAFE_POINT", "WITHIN", "CYCLE", "OVER", "SPHERE", "TOUCH", "GO", "HERE", "SWITCH", "RESET")
 NOMINAL = CycleSettings()
 POSES = range(len(NOMINAL.poses_deg))
 IDEAL = Workshop((NOMINAL.radius_mm, 0.0, NOMINAL.height_mm))
@@ -74,7 +75,7 @@ class Cell:
         start = {"X": 30.0, "Y": -40.0, "Z": SAFE_Z + 100.0, "A": 10.0, "C": 0.0}
         self.axes = Axes(
             start,
-            LIMITS,
+            dict(LIMITS),
             self.workshop.gap,
         )
         self.tools = Tools(self.axes, LENGTHS, change_height=LIMITS["Z"][1] - 50.0)
@@ -93,13 +94,18 @@ class Cell:
             taught = [float(IDEAL.taught(*pose)[index]) for pose in NOMINAL.poses_deg]
             self.channel.data(f"TALC_{axis}")[:] = taught
         self.channel.data("TALC_SAFE_Z")[0] = SAFE_Z
+        self.channel.told.fluid_group = 5
         for name, value in self.data.items():
             self.channel.data(name)[0] = value
         self.channel.feed = 1234.0
         self.halts: list[str] = []
-        """What the message said at each M0, which the operator answers by NC start."""
-        self.channel.halted = lambda: self.halts.append(self.message)
+        """What the message said at each M0, which NC start answers; empty if spindle or fluid were on."""
+        self.channel.halted = self._halted
         self.r[60], self.r[62] = 7.0, 900.0
+
+    def _halted(self) -> None:
+        safe = self.axes.spindle != "turns" and self.channel.spindle.fluid == NO_FLUID
+        self.halts.append(self.message if safe else "")
 
     @property
     def r(self) -> list[float]:
@@ -122,12 +128,16 @@ class Cell:
         """What the part program goes on with."""
         c, t = self.channel, self.tools
         loaded = (self.axes.tool, t.number, t.edge, t.sum, t.programmed_now)
+        spindle = c.spindle
+        on = spindle.switched != STANDS and spindle.speed != 0.0
+        turns = None if spindle.mode == IN_POSITION else (spindle.direction, spindle.switched, on)
         return {
             "modal": dict(c.modal.codes),
             "F": c.feed,
             "frame": (c.frames.shift, c.frames.turned),
             "tools": loaded,
-            "the spindle turns": self.axes.spindle == "turns",
+            "spindle": (spindle.mode, turns, turns or spindle.angle_deg, spindle.kind, spindle.s),
+            "fluid": spindle.fluid,
             "message": self.message,
         }
 
@@ -243,8 +253,10 @@ def unsafe(cell: Cell, raised: float = 0.0) -> list[str]:
     ball, body = (np.split(gap, ends) for gap in (cell.workshop.gap(paths), cell.workshop.body_gap(paths)))
     wrong = list[str]()
     before: Move | None = None
+    knows_fluid = bool(cell.channel.data("TALC_FLUID_GROUP")[0])
     for number, move in enumerate(cell.moves):
         faults = [*_too_near(move, before, ball[number], body[number]), *_too_low(move, before, SAFE_Z + raised)]
+        faults += ["the cutting fluid is on"] * (move.fluid != NO_FLUID and knows_fluid)
         wrong += [f"move {number}: {fault}" for fault in [*faults, *_unready(move)]]
         before = move
     return wrong

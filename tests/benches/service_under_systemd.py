@@ -10,6 +10,7 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from shutil import copy
 from subprocess import run
@@ -90,7 +91,9 @@ def tries(guest: BootedDebian, pace: SystemdPace) -> Iterator[TriedUnit]:
     guest.run(f"dpkg --install /{PACKAGES}/talc-gateway.deb")
     guest.run("systemctl start time-client machine")
     yield _ramp(guest, pace.in_force_um)
+    guest.run("systemctl enable --now talc-gateway-web")  # before the gateway: the order does not matter
     yield from _start(guest)
+    yield _page(guest)
     yield _room(guest)
     yield from _clock(guest)
     yield from _journal(guest)
@@ -99,7 +102,6 @@ def tries(guest: BootedDebian, pace: SystemdPace) -> Iterator[TriedUnit]:
     yield from _restarts(guest)
     yield from _stop(guest)
     yield _refused(guest)
-    yield from _upgrades(guest)
 
 
 def shown(guest: BootedDebian, *names: str) -> dict[str, str]:
@@ -123,6 +125,16 @@ def _start(guest: BootedDebian) -> Iterator[TriedUnit]:
     text = guest.run("systemd-analyze security talc-gateway.service --no-pager | tail -n 1")
     exposure = float(text.partition("talc-gateway.service:")[2].split()[0])
     yield TriedUnit("systemd-analyze security, of the running unit", exposure <= 2.0, f"{exposure}")
+
+
+def _page(guest: BootedDebian) -> TriedUnit:
+    """The page for operators, by its own unit and under its filters; it can write nowhere."""
+    fetch = "from urllib.request import urlopen; print(urlopen('http://127.0.0.1:8080/', timeout=30).status)"
+    status = guest.run(f'/opt/talc-gateway/bin/python -c "{fetch}"').strip()
+    properties = "systemctl show talc-gateway-web --property=ActiveState,NRestarts,DynamicUser --value"
+    state = guest.run(properties).split()
+    good = status == "200" and sorted(state) == ["0", "active", "yes"]
+    return TriedUnit("the page is there, started before the gateway", good, f"{status} {' '.join(state)}")
 
 
 def _ramp(guest: BootedDebian, in_force_um: int) -> TriedUnit:
@@ -277,7 +289,8 @@ def _refused(guest: BootedDebian) -> TriedUnit:
     )
 
 
-def _upgrades(guest: BootedDebian) -> Iterator[TriedUnit]:
+def upgrades(guest: BootedDebian) -> Iterator[TriedUnit]:
+    """Bad packages, and a good one after them: some minutes."""
     guest.run("systemctl start talc-gateway")
     failed = guest.tried(f"dpkg --install /{PACKAGES}/ends.deb")
     version, state = guest.run("cat /opt/talc-gateway/version").strip(), shown(guest, "ActiveState")["ActiveState"]
@@ -332,7 +345,7 @@ def main() -> None:
         bad_packages(contents, root / PACKAGES)
         print("| tried | | seen |\n|---|---|---|")
         with BootedDebian(root, Path(name) / "console") as guest:
-            for row in tries(guest, pace):
+            for row in chain(tries(guest, pace), upgrades(guest)):
                 print(f"| {row.what} | {'as it should' if row.good else 'NO'} | {row.seen} |", flush=True)
                 bad += not row.good
         run(["rm", "-rf", root], check=True)

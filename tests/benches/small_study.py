@@ -20,9 +20,9 @@ class Studied:
     runs: tuple[Run, ...]
 
 
-def study_by_command(name: str, folder: Path) -> Studied:
-    """Run it in two processes: every run and the page."""
-    command = [name, "--small", "--workers", "2", "--out", str(folder)]
+def study_by_command(name: str, folder: Path, *only: str) -> Studied:
+    """Run it in this process: every run, or only those with some values (`--only`), and the page."""
+    command = [name, "--small", "--workers", "1", "--out", str(folder), *(f"--only={each}" for each in only)]
     answer = CliRunner().invoke(main, command, catch_exceptions=False)
     assert answer.exit_code == 0, answer.output
     kept = [json.loads(file.read_text(encoding="utf-8")) for file in (folder / "runs").iterdir()]

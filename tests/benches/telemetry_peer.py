@@ -12,8 +12,8 @@ from drivers.base import Clock, Quality, SystemClock
 from gateway.config.telemetry import Telemetry as Settings
 from gateway.model.events import EventReported
 from gateway.model.sample import Sample
-from gateway.telemetry.publisher import TelemetryPublisher
 from talc.frame import Decision, Event, EventKind, Phase
+from tests.benches.open_publisher import OpenPublisher
 from tests.benches.waits import LIMIT_S, wait_until
 from tests.benches.zenoh_sessions import client
 
@@ -24,9 +24,9 @@ NAMES = ("t0", "t1")
 
 def telemetry(
     port: int, clock: Clock | None = None, periods_missed: Callable[[], Mapping[str, int]] = dict
-) -> TelemetryPublisher:
+) -> OpenPublisher:
     settings = Settings(listen=(f"tcp/127.0.0.1:{port}",))
-    return TelemetryPublisher(
+    return OpenPublisher(
         settings, "mill", NAMES, clock or SystemClock(), "boot-1", simulated=False, periods_missed=periods_missed
     )
 

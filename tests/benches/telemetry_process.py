@@ -6,13 +6,13 @@ import sys
 from drivers.base import SystemClock
 from gateway.config.telemetry import Telemetry
 from gateway.model.events import EventReported
-from gateway.telemetry.publisher import TelemetryPublisher
 from talc.frame import Event, EventKind
+from tests.benches.open_publisher import OpenPublisher
 
 
 async def main(port: int) -> None:
     settings = Telemetry(listen=(f"tcp/127.0.0.1:{port}",))
-    async with TelemetryPublisher(settings, "mill", (), SystemClock(), "boot", simulated=False) as publisher:
+    async with OpenPublisher(settings, "mill", (), SystemClock(), "boot", simulated=False) as publisher:
         publisher.publish(EventReported(Event(EventKind.PROBLEM, "the only one"), None))
         print("published", flush=True)
         await asyncio.to_thread(sys.stdin.readline)

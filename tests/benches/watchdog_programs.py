@@ -28,15 +28,15 @@ SILENCE_S, RAMP_MM_S, SLOPE_RAMP = 0.5, 2e-3, 2e-6
 IPO_S = 0.02
 _MARK = 3.0
 """In every R-parameter before: what is not written stays."""
-_EARLIER, _BEAT, _AGE = 61, 94, 1e6
+_EARLIER, _OWNER, _BEAT, _AGE = 61, 93, 94, 1e6
 _LEASE_ZERO = (89, 93, 95, 96, 97)
 _ZERO = {
     "START": (*_LEASE_ZERO, 90, 91, 92, 98),
     "SLOPES": (98,),
     "ERRORS": (*_LEASE_ZERO, *range(100, 109), *range(110, 119), 120, 121, 122, *range(130, 136)),
 }
-_TERMS = (1.0, 120.0, 60.0, 50.0, 70.0, 200.0, math.hypot(200.0, 300.0), 0.0)
-"""Slew, radius, bounds, and reach along X and across it, mm; range of the tool's length."""
+_TERMS = (1.0, 120.0, 60.0, 50.0, 70.0, 200.0, math.hypot(200.0, 300.0), -300.0)
+"""Slew, radius, bounds, and reach along X and across it, mm; range of the tool's length (it reads it)."""
 _ECHO = {"START": 68, "ERRORS": 119}
 _OWN = {
     "START": ("SA_TEMP_COMP_ABS_VALUE",),
@@ -50,7 +50,10 @@ _LITTLE = {"SA_TEMP_COMP_ABS_VALUE": 1e-4, "SA_TEMP_COMP_SLOPE": 1e-8, "SN_CEC_T
 def watchdog_texts() -> dict[str, str]:
     """By name; TALC_ERRORS as it is made for a machine."""
     settings = SinumerikSettings(
-        security="none", url="opc.tcp://nc", compensation=OffsetRoute(route="errors", travel_mm=TRAVEL)
+        security="none",
+        url="opc.tcp://nc",
+        origin_tool_mm=0.0,
+        compensation=OffsetRoute(route="errors", travel_mm=TRAVEL),
     )
     made_here = errors_program(settings, ErrorTerms(1.0, 120.0, (60.0, 50.0, 70.0)))
     return {name: (FOLDER / f"TALC_{name}.SPF").read_text("utf-8") for name in ("START", "SLOPES")} | {
@@ -113,7 +116,8 @@ def run_at_power_on(state: State, name: str, texts: Texts) -> tuple[str, list[st
     try:
         control.call(f"TALC_{name}")
     except ProgramAlarm as alarm:
-        expected = (state["not referenced"] and state["start lock"]) or state["group 7"] != "G40"
+        stopped = state["control is"] == "stopped by an alarm" or (state["not referenced"] and state["start lock"])
+        expected = stopped or state["group 7"] != "G40"
         nothing = r == old and not control.run.actions.numbers and not cell.moves
         return "start refused by the control", [] if expected and nothing else [str(alarm)]
     wrong = [] if (cell.state(), cell.moves) == (before, []) else [f"{before} became {cell.state()}"]
@@ -124,7 +128,7 @@ def run_at_power_on(state: State, name: str, texts: Texts) -> tuple[str, list[st
             wrong.append("an earlier request or cycle is left")
         if (r[_ECHO[name]], r[69]) != (17.0, _AGE):
             wrong.append("the last beat could be taken for a new one")
-    if name == "ERRORS" and (r[99] != 2.0 or not np.allclose([*r[123:130], r[136]], _TERMS)):
+    if name == "ERRORS" and (r[99] != 3.0 or not np.allclose([*r[123:130], r[136]], _TERMS)):
         wrong.append(f"R99 = {r[99]:g} is not the version, or R123 to R129 = {r[123:130]}, R136 = {r[136]:g}")
     skipped = state["control is"] in ("searching", "testing", "simulating")
     if len(control.run.actions.numbers) != (0 if skipped else texts[name].count("\nIDS=")):
@@ -177,12 +181,13 @@ def _after_a_move(name: str) -> Callable[[Texts], list[str]]:
 
 
 def _watches(*names: str) -> Callable[[Texts], list[str]]:
-    """Alive it copies each beat and holds; silent everything goes to zero at its rate, and a request ages."""
+    """Alive it copies each beat and holds; silent everything goes to zero at its rate, and a request ages. A claim that
+    is given back is silence at once."""
 
     def case(texts: Texts) -> list[str]:
         control = _claimed(texts, names)
         wrong = list(_alive(control))
-        return wrong or list(_silent(control))
+        return wrong or [*_silent(control), *_released(_claimed(texts, names))]
 
     return case
 
@@ -234,6 +239,20 @@ def _silent(control: Control) -> Iterator[str]:
         yield f"{control.left:g} stays in force, or is wanted again"
     if abs(r[0] - 20.4) > 3 * IPO_S:
         yield f"the next request is {r[0]:.2f} s old"
+
+
+def _released(control: Control) -> Iterator[str]:
+    r = control.cell.r
+    r[_BEAT] = 1.0
+    control.turn(2 * IPO_S)
+    alive, r[_OWNER] = r[96], 0.0
+    control.turn(IPO_S)
+    if (alive, r[96]) != (1.0, 2.0):
+        yield f"R96 = {alive:g}, and {r[96]:g} once the claim is given back"
+    r[_BEAT] = 2.0
+    control.turn(2 * IPO_S)
+    if r[_ECHO["ERRORS" if any(r[100:109]) or r[99] else "START"]] != 1.0:
+        yield "a beat of nobody's is copied"
 
 
 _INCH = USUAL | {"group 13": "G700"}

@@ -21,7 +21,6 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from drivers.sinumerik.make import make_sinumerik
-from drivers.sinumerik.settings import SinumerikSettings
 from gateway.runtime.clocks import RealClock
 from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MeanLoads, Nck
 from simulators.nc.nck import R_OFFSETS
@@ -39,7 +38,7 @@ from tests.benches.nc_disturbances import (
     SLEW_UM_PER_S,
     NcSite,
     ShiftRecord,
-    compensation_of,
+    driver_settings,
     programs_of,
 )
 from tests.benches.simulated_time import simulated_time
@@ -166,9 +165,7 @@ class StartsBench:
 async def starts(route: str, count: int, seed: int, kinds: Sequence[str] = EVENTS) -> Started:
     """Start a gateway `count` times on one control; these kinds of events in turn, at drawn times."""
     draw, clock, found = random.Random(seed), RealClock(), Started()
-    plain = SinumerikSettings(
-        security="none", url="opc.tcp://nc", timeout_s=1.0, session_s=SILENCE_S / 2, compensation=compensation_of(route)
-    )
+    plain = driver_settings(route)
     day = LoadCase([DayPart(0.0, 1e12, Activity.PAUSE, MeanLoads())])
     async with AsyncExitStack() as stack:
         control = EmulatedControl(

@@ -1,9 +1,8 @@
 """`python -m benchmarks SUBJECT`, which `make bench` runs, with few machines and few hours.
 
-It makes the rows that docs/results.md shows, and renews only that table.
+It makes the rows that docs/figures.md shows, and renews only that table.
 """
 
-import importlib
 import re
 from pathlib import Path
 
@@ -13,42 +12,6 @@ import pytest
 from benchmarks.__main__ import main
 
 pytestmark = pytest.mark.slow
-
-ROOT = Path(__file__).parents[2]
-TWO = (("day", 0), ("axes", 1))
-SMALL: dict[str, dict[str, object]] = {
-    "demo": {"SEEDS": (1,), "HOURS": 4.0},
-    "forecast": {"MACHINES": TWO, "HOURS": 36},
-    "policy": {"MACHINES": TWO[:1], "FEW": TWO[1:], "HOURS": 24, "FEW_HOURS": 24, "FIXED_MIN": (60.0, 240.0)},
-}
-"""What is made smaller in a subject's module; the others take too long even then."""
-
-
-def table(page: str, subject: str) -> str:
-    return page.partition(f"<!-- benchmark {subject} -->\n")[2].partition("<!-- end -->")[0]
-
-
-def work(rows: str) -> list[str]:
-    """First cells, without the numbers of machines."""
-    return [re.sub(r"\d+(\.\d+)?", "N", line.split("|")[1]) for line in rows.splitlines()]
-
-
-@pytest.mark.parametrize("subject", SMALL)
-def test_it_makes_the_rows_of_the_page_and_renews_them(
-    subject: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    module = importlib.import_module(f"benchmarks.{subject}")
-    for name, value in SMALL[subject].items():
-        assert hasattr(module, name)
-        monkeypatch.setattr(module, name, value)
-    before = (ROOT / "docs" / "results.md").read_text("utf-8")
-    page = tmp_path / "results.md"
-    page.write_text(before, encoding="utf-8")
-    main([subject], page)
-    after = page.read_text("utf-8")
-    assert work(table(after, subject)) == work(table(before, subject))
-    assert table(after, subject) != table(before, subject)
-    assert after.replace(table(after, subject), table(before, subject)) == before
 
 
 def test_a_folder_of_own_recordings_gets_a_page_and_leaves_the_results(

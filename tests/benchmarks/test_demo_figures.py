@@ -1,6 +1,5 @@
 """The demo in simulated time, and the figures that the README takes from it."""
 
-import re
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -12,9 +11,9 @@ from benchmarks import demo
 from gateway.demo.demo_machine import Demo, talc_section
 from gateway.reporting.data import ReportData, Truth
 from gateway.reporting.figures import summary
+from simulators.bench.machine import DEMO_TERMS
 from talc.settings import LearnerSettings, TalcSettings
 
-ROOT = Path(__file__).parents[2]
 HOURS = 6.0
 
 
@@ -66,38 +65,10 @@ def test_what_the_machine_does_after_the_gateway_has_stopped_is_not_judged(run: 
     assert repr(summary(replace(run, truth=longer))) == repr(summary(run)), "numbers that are not known compare unequal"
 
 
-def test_the_table_has_medians_and_ranges(run: ReportData) -> None:
-    one = summary(run)
-    rows = {row.work: row for row in demo.demo_table([one, one])}
-    z = next(row for row in one.tool if row.name == "tool Z")
-    left, many = f"{z.compensated_e_rms:.2f}", one.measurements
-    assert rows["tool Z, E_RMS, µm"].ours == f"{left} ({left} to {left})"
-    less = 100.0 * (1.0 - z.compensated_e_rms / z.e_rms)
-    beside = rows["tool Z, E_RMS, µm"].peer
-    assert f"without; {less:.0f} ({less:.0f} to {less:.0f}) % less; first hour" in beside
-    early, late = z.parts
-    assert beside.endswith(f"after it {late.compensated_e_rms:.2f} of {late.e_rms:.2f}")
-    assert late.compensated_e_pv <= z.compensated_e_pv <= early.compensated_e_pv + late.compensated_e_pv
-    assert rows["measurements"].ours == f"{many} ({many} to {many})"
-
-
-def test_the_readme_s_table_is_that_of_the_twenty_seeds() -> None:
-    text = (ROOT / "docs" / "results.md").read_text("utf-8")
-    block = text.partition("<!-- benchmark demo -->\n")[2].partition("<!-- end -->")[0]
-    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in block.splitlines()]
-    results = {row[0]: row for row in rows}
-    readme = (ROOT / "README.md").read_text("utf-8")
-    cells = r" ([^|]+) \|" * 5
-    table = re.findall(rf"^\| (E\w+0\w|ER0T|EZ0T|tool [XYZ]) \|{cells}$", readme, re.MULTILINE)
-    assert len(table) == 12
-    for name, without, compensated, less, peak_without, peak in table:
-        unit = "µm/m" if name in ("EA0C", "EB0C", "EC0C") else "µm"
-        row = results[f"{name}, E_RMS, {unit}"]
-        assert compensated == row[1]
-        assert row[2].startswith(f"{without} without; {less.removesuffix(' %')} % less")
-        row = results[f"{name}, E_PV, {unit}"]
-        assert peak == row[1]
-        assert row[2].startswith(f"{peak_without} without;")
-    said = " ".join(readme.split())
-    assert f"Each seed takes {results['measurements'][1]} measurements" in said
-    assert f"Pd is {results['productivity Pd, %'][1]} %" in said
+def test_no_axis_is_shifted_beyond_the_bound() -> None:
+    terms = replace(DEMO_TERMS, bound_um=(150.0, 150.0, 5.0))
+    truth = demo.DemoLoop(1, 3.0, terms=terms).run().truth
+    assert truth is not None
+    shift = np.abs(truth.compensated_um - truth.uncompensated_um).max(axis=0)
+    assert shift[2] == pytest.approx(5.0, abs=0.01)
+    assert shift[1] > 5.0

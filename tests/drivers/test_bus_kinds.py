@@ -31,8 +31,10 @@ def test_a_bus_is_of_its_kind_and_a_message_names_it(kind: str, tmp_path: Path) 
     assert make_bus("bus1", kind, place).kind == kind
     settings = read_settings(BUS_KINDS[kind], place)
     profile = "icpdas_m7015" if kind == "canopen" else "cia404"
-    with pytest.raises(SetupError, match=f"profile {profile} does not fit a {kind} bus"):
+    with pytest.raises(SetupError) as raised:
         check_device("device1", "bus1", settings, profile, 1, {"t0": 0}, {})
+    assert raised.value.what.code == "profile_misfit"
+    assert raised.value.what.values == {"profile": profile, "kind": kind}
 
 
 PROFILES = {

@@ -11,35 +11,20 @@ import pytest
 
 from drivers.base import DriverError, Quality, Refused
 from drivers.nc import NcSnapshot, OperatingMode, ProbingState, RunsDry, WatchdogTerms
-from tests.benches.nc_benches import BENCHES, NEEDS_DEBIAN, RUN_DRY, SLOW, NcBench
+from tests.benches.nc_benches import BENCHES, SLOW, NcBench
 
 WATCH = WatchdogTerms(silence_s=60.0, ramp_um_per_s=2.0)
 
 
-NODE = "sinumerik_encrypted_by_node_opcua"
-ON_NODE = {
-    "test_a_cycle_goes_from_the_request_to_its_result_and_its_number_is_used_up",
-    "test_an_emergency_stop_ends_the_cycle_and_the_next_request_is_refused",
-    "test_one_gateway_at_a_time_and_what_it_leaves_goes_to_zero",
-}
-"""What is tried on another maker's server, too: starting it takes seconds for each test."""
-
-
-def marks(name: str) -> list[pytest.MarkDecorator]:
-    where = pytest.mark.peer if name in NEEDS_DEBIAN else pytest.mark.simulated_time
-    return [where] + [pytest.mark.slow] * (name in SLOW)
-
-
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     if "bench" in metafunc.fixturenames:
-        names = [name for name in BENCHES if name != NODE or metafunc.function.__name__ in ON_NODE]
-        metafunc.parametrize("bench", [pytest.param(name, marks=marks(name)) for name in names], indirect=True)
+        marks = {name: [pytest.mark.simulated_time] + [pytest.mark.slow] * (name in SLOW) for name in BENCHES}
+        metafunc.parametrize("bench", [pytest.param(name, marks=marks[name]) for name in BENCHES], indirect=True)
 
 
 @pytest.fixture
 async def bench(request: pytest.FixtureRequest, tmp_path: Path) -> AsyncIterator[NcBench]:
     async with BENCHES[request.param](tmp_path) as opened:
-        opened.name = request.param
         yield opened
 
 
@@ -68,9 +53,8 @@ async def test_the_snapshot_holds_time_quality_axes_speeds_tool_and_alarms(bench
     assert first.quality is Quality.GOOD
     assert first.time.tzinfo is UTC
     assert first.monotonic_s < second.monotonic_s
-    if bench.is_simulated:  # otherwise any time passes between two readings of clocks
-        passed = timedelta(seconds=second.monotonic_s - first.monotonic_s)
-        assert abs((second.time - first.time) - passed) < timedelta(seconds=0.2)
+    passed = timedelta(seconds=second.monotonic_s - first.monotonic_s)
+    assert abs((second.time - first.time) - passed) < timedelta(seconds=0.2)
 
 
 async def test_an_emergency_stop_is_an_alarm_until_it_is_over(bench: NcBench) -> None:
@@ -103,13 +87,9 @@ async def test_a_cycle_goes_from_the_request_to_its_result_and_its_number_is_use
         await bench.nc.request_probing(4)
 
 
-async def test_a_dry_run_goes_over_the_sphere_where_it_is_offered_and_asks_nothing_elsewhere(bench: NcBench) -> None:
-    if not (isinstance(bench.nc, RunsDry) and bench.nc.runs_dry):
-        assert bench.name not in RUN_DRY
-        with pytest.raises(Refused, match="dry run"):
-            await bench.nc.request_probing(4, 50.0)
-        assert (await bench.nc.probing_status(4)).state is ProbingState.IDLE
-        return
+async def test_a_dry_run_goes_over_the_sphere(bench: NcBench) -> None:
+    assert isinstance(bench.nc, RunsDry)
+    assert bench.nc.runs_dry
     for impossible in (-1.0, math.nan, 1000.5):
         with pytest.raises(ValueError, match="dry_run_mm"):
             await bench.nc.request_probing(4, impossible)

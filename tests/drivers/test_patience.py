@@ -119,6 +119,7 @@ def test_a_slow_unit_is_never_given_more_than_the_timeout() -> None:
     assert learnt(0.1, 100).wait_s(1, "values") == pytest.approx(0.1, abs=0.01)
 
 
+@pytest.mark.slow
 @given(st.lists(st.floats(0, 0.4), min_size=4, max_size=200))
 def test_the_wait_is_longer_than_the_mean_of_late_and_within_bounds(took_s: list[float]) -> None:
     patience = Patience(LONGEST_S)

@@ -272,6 +272,7 @@ BLOCKS = st.builds(
 )
 
 
+@pytest.mark.slow
 @given(st.one_of(BLOCKS, raised(NoAnswer, BadAnswer, ConnectError)))
 @example(MeBlock(1, 2, 3, {31: 0}))
 def test_any_block_of_a_controller(says: MeBlock | DriverError) -> None:

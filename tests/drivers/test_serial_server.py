@@ -183,10 +183,7 @@ async def test_a_server_of_raw_tcp_is_distinguished_from_one_of_rfc_2217(tmp_pat
 
 async def test_a_port_where_nobody_listens_is_named() -> None:
     bus = make_bus("bus1", "me_rs485", {"port": f"rfc2217://127.0.0.1:{free_port()}"})
-    with pytest.raises(
-        ConnectError,
-        match=r"cannot open serial port rfc2217://127\.0\.0\.1:\d+: Connection refused \(check host and port",
-    ):
+    with pytest.raises(ConnectError, match=r"rfc2217://127\.0\.0\.1:\d+: Connection refused"):
         await bus.connect()
 
 

@@ -61,14 +61,6 @@ def test_a_gateway_without_opc_ua_loads_none_of_the_heavy_libraries() -> None:
 
 
 @pytest.mark.slow
-def test_the_page_loads_no_bus_and_no_learner() -> None:
-    port = free_port()
-    modules = loaded_by(["web", "--connect", f"tcp/127.0.0.1:{port}", "--listen", "127.0.0.1:0"], "/")
-    assert {"zenoh", "starlette"} <= modules
-    assert not modules & (NEVER_BESIDE | PLANT | {"gateway.config.model"})
-
-
-@pytest.mark.slow
 def test_the_page_of_a_configuration_loads_no_bus_and_no_learner() -> None:
     config = Path(__file__).parent / "config" / "cases" / "valid" / "gateway.toml"
     modules = loaded_by(["web", str(config), "--listen", "127.0.0.1:0"], "/")
@@ -102,6 +94,7 @@ def test_the_opc_ua_server_and_the_collector_load_no_bus(tmp_path: Path) -> None
     assert not kept & (NEVER_BESIDE | PLANT)
 
 
+@pytest.mark.slow
 def test_reading_and_checking_a_configuration_loads_no_bus() -> None:
     config = Path(__file__).parent / "config" / "cases" / "valid" / "gateway.toml"
     modules = loaded(f"from pathlib import Path; from gateway.config.file import load; load(Path({str(config)!r}))")
@@ -113,11 +106,8 @@ def test_reading_and_checking_a_configuration_loads_no_bus() -> None:
 @pytest.mark.parametrize(
     ("kind", "needed", "foreign"),
     [
-        ("modbus_rtu", "pymodbus", {"can", "canopen", "cantools"} | PLANT),
         ("modbus_tcp", "pymodbus", {"can", "canopen", "cantools"} | PLANT),
-        ("canopen", "canopen", {"pymodbus", "cantools"} | PLANT),
         ("can", "can", {"pymodbus", "canopen"} | PLANT),
-        ("me_rs485", "serial", {"pymodbus", "can", "canopen", "cantools"} | PLANT),
         ("mqtt", "paho", {"asyncua", "cryptography"} | BUSES),
         ("opcua", "asyncua", {"paho"} | BUSES),
     ],
@@ -137,34 +127,6 @@ def test_a_bus_loads_the_libraries_of_its_own_kind(kind: str, needed: str, forei
     )
     assert needed in modules
     assert not modules & foreign
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("code", "needed"),
-    [
-        (
-            "import drivers.opcua.bus, drivers.opcua.device, drivers.opcua.nodes, drivers.opcua.settings",
-            set(),
-        ),
-        ("import drivers.opcua.certificates", {"cryptography"}),
-        ("import drivers.opcua.session", {"asyncua", "cryptography"}),
-        (
-            "import drivers.mqtt.bus, drivers.mqtt.device, drivers.mqtt.profile, drivers.mqtt.settings",
-            set(),
-        ),
-        ("import drivers.mqtt.connection", {"paho"}),
-        (
-            "import drivers.sinumerik.make, drivers.sinumerik.settings",
-            set(),
-        ),
-        ("from gateway.listeners.outlets.mqtt import MqttOutlet, MqttOutletSettings", set()),
-        ("from gateway.listeners.umati.settings import ShownMachine, check_serving, load_serving", set()),
-        ("from gateway.listeners.umati.server import MachineToolServer", {"asyncua", "cryptography"}),
-    ],
-)
-def test_a_name_of_a_room_loads_only_the_library_of_that_name(code: str, needed: set[str]) -> None:
-    assert loaded(code) & PLANT == needed
 
 
 def test_no_command_waits_for_the_libraries_of_another() -> None:

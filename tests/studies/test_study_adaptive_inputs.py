@@ -1,6 +1,5 @@
 """Adaptive inputs: seasons in sequence, repetitions on the same physics, and the whole small version."""
 
-import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,7 +9,8 @@ import pytest
 from simulators.cases import LONG_TERM_H
 from studies import STUDIES, Run
 from studies.adaptive_inputs import CALIBRATION, SMALL_STEPS, season_days
-from studies.adaptive_inputs_report import PAPER_MEAN_E_PV, WAYS, borders
+from studies.adaptive_inputs_pictures import against, borders
+from studies.adaptive_inputs_report import WAYS
 from studies.page import Claim
 from talc.names import THERMAL_ERRORS
 from tests.benches.small_study import Studied, study_by_command
@@ -22,7 +22,7 @@ STUDY = STUDIES["adaptive-inputs"]
 
 @pytest.fixture(scope="module")
 def studied(tmp_path_factory: pytest.TempPathFactory) -> Studied:
-    return study_by_command(STUDY.name, tmp_path_factory.mktemp("study"))
+    return study_by_command(STUDY.name, tmp_path_factory.mktemp("study"), "selector=search,learner")
 
 
 @pytest.fixture(scope="module")
@@ -70,42 +70,6 @@ def test_models_leave_less_than_nothing_and_than_the_held_measurement(small: lis
     for run in small:
         left, hold, none = (np.mean(run.result[what]["E_RMS"][:6]) for what in ("models", "hold", "none"))
         assert left < 0.5 * hold < 0.5 * none
-
-
-def test_the_report_marks_the_papers_figures_and_draws_what_it_has(studied: Studied, small: list[Run]) -> None:
-    report = STUDY.report(list(studied.runs))
-    rows = {row.cells[0]: row.cells for row in report.summary.rows}
-    assert set(rows) == {"none", "hold", "regression", "pso, adaptive", "tck, adaptive"} | {
-        "search, static",
-        "search, adaptive",
-        "learner, adaptive",
-    }
-    assert {name for name, cells in rows.items() if cells[3] == "not in it"} == {"hold", "regression"} | {
-        "search, static",
-        "search, adaptive",
-        "learner, adaptive",
-    }
-    table: Any = report.sections[0].blocks[0]
-    assert {row.cells[-1] for row in table.rows if row.paper} >= {f"{v:g}" for v in PAPER_MEAN_E_PV.values()}
-    theirs = {row.cells[0]: dict(zip(table.head, row.cells, strict=True)) for row in table.rows if row.paper}
-    assert theirs["paper: none"]["EX0C, µm"] == "72.7"
-    assert theirs["paper: Group-LASSO, adaptive"]["EB0C, µm/m"] == "36.8"
-    course: Any = report.sections[-2].blocks[0]
-    assert course.svg().startswith("<svg")
-    drawn = next(run.result["drawn"] for run in small if run.parameters["inputs"] == "adaptive")
-    assert len(drawn["left"][0]) == SMALL_STEPS / 3
-    assert drawn["left"][0][0] is None
-
-
-def test_the_page_shows_every_selector_over_time_and_the_regression_in_the_bars(studied: Studied) -> None:
-    for selector in ("pso", "tck", "search"):
-        assert f"<b>Over time: {selector}, adaptive, first repetition.</b>" in studied.page
-        assert (
-            f'<th scope="row">Models leave less than a regression on all inputs ({selector}, adaptive)</th>'
-            in studied.page
-        )
-    bars = re.findall(r"<svg.*?</svg>", studied.page, re.DOTALL)[:2]
-    assert all(">regression<" in picture for picture in bars)
 
 
 def made_up(
@@ -165,6 +129,34 @@ def test_each_printed_figure_stands_beside_ours() -> None:
     assert ours["text, deviation of E_PV of six, adaptive against static, % less"] == "0"
     assert ours["text, reduction of E_PV of six, Group-LASSO over TCK, % higher"] == "175"  # 68.75 over 25
     assert ours["text, limit of EX0C in the single run, static, µm"] == "–"
+
+
+def test_a_single_run_shows_limits_chosen_inputs_and_what_is_left() -> None:
+    def drawn(inputs: str, limits: Sequence[float | None], sets: Sequence[Sequence[str]], left: float) -> Run:
+        run = made_up("pso", inputs, 0, [left] * 9)
+        series: list[list[float | None]] = [list(limits)] * 9
+        shown = {"step_h": 0.25, "truth": [[8.0] * 4] * 9, "left": [[None, 1.0, left, 3.0]] * 9, "limits": series}
+        chosen = [{"after": 12 * k, "EX0C": list(own)} for k, own in enumerate(sets)]
+        return Run(run.parameters, {**run.result, "drawn": shown, "updates": [12] * (len(sets) - 1), "inputs": chosen})
+
+    static = drawn("static", (None, 9.0, 9.0, 15.0), (("a",), ("a",)), 6.0)
+    adaptive = drawn("adaptive", (None, 5.0, 5.0, 8.0), (("a",), ("a", "b"), ("b",)), 4.0)
+    claims = claims_of([static, adaptive])
+    limits = claims["In a single run adaptive inputs have narrower limits of EX0C (pso)"]
+    assert limits.holds
+    assert limits.here == "5.0 to 8.0 µm against 9.0 to 15.0 µm"
+    assert claims["In a single run adaptive inputs leave less of EX0C (pso)"].holds
+    assert claims["The chosen inputs change over time (pso)"].here.startswith("3 different sets of EX0C in 3 trainings")
+    rows = against(static, adaptive).rows
+    at = dict(zip(rows[0], zip(*rows[1:], strict=True), strict=True))
+    assert at["EX0C static limit"] == ("nan", "9", "", "15")
+    assert at["EX0C adaptive left"] == ("nan", "1", "4", "3")
+    swapped = claims_of([drawn("static", (5.0,) * 4, (("a",),), 4.0), drawn("adaptive", (9.0,) * 4, (("a",),), 6.0)])
+    assert not any(claim.holds for text, claim in swapped.items() if "single run" in text or "over time" in text)
+    beside: Any = STUDY.report([static, adaptive]).sections[-1].blocks[1]
+    ours = {row.cells[0]: row.cells[2] for row in beside.rows}
+    assert ours["text, limit of EX0C in the single run, static, µm"] == "15"
+    assert ours["text, model updates of the single run, static"] == "1"
 
 
 def test_the_borders_of_the_seasons_are_drawn_where_the_next_one_begins() -> None:

@@ -38,7 +38,7 @@ from tests.benches.wire_clock import WireClock
 pytestmark = pytest.mark.slow
 
 WARM_S = 6 * 3600.0
-SETTLED_S, END_S, SAMPLE_S = 90.0, 240.0, 0.5
+SETTLED_S, END_S, SAMPLE_S = 90.0, 150.0, 0.5
 BOUND_UM, SLEW_UM_PER_S = 300.0, 5.0
 LESS_THAN_A_PERIOD_S = 0.98
 TRAVEL = ((-150.0, 150.0), (-150.0, 150.0), (50.0, 250.0))
@@ -77,7 +77,7 @@ def machine() -> WarmMachine:
 
 def settings_of(url: str, compensation: OffsetRoute) -> SinumerikSettings:
     # In real time: on a busy computer an answer may be late, and the library asks by itself whether the server lives.
-    return SinumerikSettings(security="none", url=url, compensation=compensation, timeout_s=60.0)
+    return SinumerikSettings(security="none", url=url, origin_tool_mm=0.0, compensation=compensation, timeout_s=60.0)
 
 
 def programs(compensation: OffsetRoute) -> list[str]:
@@ -269,8 +269,11 @@ async def test_nowhere_in_the_travel_does_a_write_make_a_step_or_pass_the_bound(
     assert np.abs(before).max() > 0.5 * BOUND_UM
 
 
-@pytest.mark.parametrize("hang_s", [0.95, 14.0], ids=["for less than a period", "for longer than watchdog_s"])
-@pytest.mark.parametrize("compensation", [PLAIN, EVERY_PAIR], ids=["k0", "k0_slope"])
+@pytest.mark.parametrize(
+    ("compensation", "hang_s"),
+    [(EVERY_PAIR, 0.95), (PLAIN, 14.0)],
+    ids=["k0_slope-for less than a period", "k0-for longer than watchdog_s"],
+)
 async def test_a_process_that_stands_still_within_any_request_leaves_no_step_behind(
     machine: WarmMachine, compensation: OffsetRoute, hang_s: float
 ) -> None:
@@ -292,7 +295,7 @@ async def test_a_process_that_stands_still_within_any_request_leaves_no_step_beh
         assert np.abs(control.corners[-1][1]).max() > 10.0, "an offset of zero cannot step"
 
 
-@pytest.mark.parametrize("what", ["slope", "table_weight", "k0_mm"])
+@pytest.mark.parametrize("what", ["slope", "k0_mm"])
 async def test_what_somebody_else_writes_disarms(machine: WarmMachine, what: str) -> None:
     async with moving(machine) as (control, clock, url), linked(machine, clock, url, EVERY_PAIR) as (link, problems):
         await clock.run_until(30.0)
@@ -304,7 +307,7 @@ async def test_what_somebody_else_writes_disarms(machine: WarmMachine, what: str
         assert [text for text in problems if "disarmed" in text]
 
 
-@pytest.mark.parametrize("compensation", [EVERY_PAIR, NINE], ids=["k0_slope", "errors"])
+@pytest.mark.parametrize("compensation", [EVERY_PAIR], ids=["k0_slope"])
 async def test_what_is_in_force_is_taken_out_of_what_is_probed(machine: WarmMachine, compensation: OffsetRoute) -> None:
     async with (
         moving(machine, compensation) as (_, clock, url),

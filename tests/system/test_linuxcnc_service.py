@@ -4,7 +4,6 @@ Needs Debian's linuxcnc-uspace.
 """
 
 import asyncio
-import re
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +12,10 @@ import pytest
 from drivers.nc import OperatingMode
 from gateway.config.extended import validate
 from gateway.control.restart.earlier import EarlierRun
+from gateway.model.codes import NoticeCode
 from gateway.model.probing import End
 from gateway.model.standing import Standing
+from gateway.model.text import NOTHING
 from gateway.runtime.clocks import RealClock
 from gateway.service.service import Service
 from simulators.linuxcnc.machine import HURRY, MANUAL
@@ -67,7 +68,8 @@ async def test_an_idle_machine_is_probed_once_allowed_and_a_loose_sphere_is_reje
 
         try:
             await until(lambda: said(Standing.BLOCKED))
-            assert told.outlooks[0].reason == "no program runs, and the pin talc.may-start is FALSE"
+            blocked = told.outlooks[0].reason
+            assert (blocked.code, blocked.values["code"]) == (NoticeCode.NC_CANNOT_PROBE, "may_start")
             assert service.link is not None
             assert service.link.present is not None
             assert service.link.present.mode is OperatingMode.JOG
@@ -84,8 +86,9 @@ async def test_an_idle_machine_is_probed_once_allowed_and_a_loose_sphere_is_reje
         # A computer that is too busy to answer refuses a cycle, and the service requests it again.
         loose, fixed = [outcome for outcome in told.outcomes if outcome.end is not End.REFUSED][:2]
         assert (loose.why, loose.end, loose.measurement) == (Why.CALIBRATION, End.REJECTED, None)
-        assert re.match(r"repeated touches of a point differ by (29|30|31)\.\d µm, more than max_repeat", loose.reason)
-        assert (fixed.why, fixed.end, fixed.reason) == (Why.RETRY, End.MEASURED, "")
+        assert loose.reason.code == NoticeCode.TOUCHES_APART
+        assert loose.reason.values["spread_um"] == pytest.approx(30.0, abs=1.5)
+        assert (fixed.why, fixed.end, fixed.reason) == (Why.RETRY, End.MEASURED, NOTHING)
         assert fixed.centres_mm is not None
         assert np.abs(np.linalg.norm(fixed.centres_mm, axis=1) - np.hypot(120.0, 80.0)).max() < 0.01
         assert standing == pytest.approx([0.0] * 5, abs=1e-6), "not allowed, it stands"

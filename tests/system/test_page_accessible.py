@@ -18,10 +18,11 @@ expect.set_options(timeout=LIMIT_MS)
 _DESKTOP, _PANEL, _PHONE = SCREENS
 _LOOKED_AT = (
     ("/machine/mill", _PHONE, False, True),
-    ("/machine/mill?lang=de", _DESKTOP, True, True),
+    ("/machine/mill?lang=de#why", _DESKTOP, True, True),
+    ("/machine/mill#time", _PANEL, False, True),
     ("/?all=1", _PHONE, False, True),
-    ("/machine/mill", _DESKTOP, False, False),
-    ("/machine/mill", _PANEL, True, False),
+    ("/machine/mill#log", _DESKTOP, False, False),
+    ("/machine/mill#sensors", _PANEL, True, False),
 )
 """Path, screen, dark, and whether its gateway is alive."""
 
@@ -33,14 +34,15 @@ def test_axe_finds_no_violation(settings: Path) -> None:
             if not alive:
                 gateway.kill()
             with rig.page(path, width, height, dark=dark, trusted=True) as page:
-                expect(page.locator("#axes .u-over").or_(page.locator("#machines li")).first).to_be_attached()
-                if not alive:
+                if alive:
+                    expect(page.locator("#axes .bar").or_(page.locator("#machines li")).first).to_be_attached()
+                else:
                     expect(page.locator("#word")).to_have_text("Gone")
                 assert violations(page) == []
 
 
-@pytest.mark.parametrize("dark", [False, True])
-def test_axe_finds_no_violation_in_any_state(settings: Path, dark: bool) -> None:
+def test_axe_finds_no_violation_in_any_state(settings: Path) -> None:
+    dark = True
     with page_rig() as rig:
         gateway = played_mill(rig, settings)
         assert rig.web is not None

@@ -1,12 +1,13 @@
-"""The charts of the page for operators, used only by keyboard."""
+"""The chart of the page for operators, used only by keyboard."""
 
 from pathlib import Path
 from urllib.parse import parse_qs, urlsplit
 
 import pytest
-from playwright.sync_api import Locator, Page, Response, expect
+from playwright.sync_api import Page, Response, expect
 
 from tests.benches.page_rig import LIMIT_MS, MILL_SETTINGS, page_rig, played_mill
+from tests.benches.page_shifts import TWO_FRAMES
 
 pytestmark = [pytest.mark.peer, pytest.mark.slow]
 
@@ -29,41 +30,30 @@ def asked_s(answer: Response) -> float:
     return ended - began
 
 
-def times(readings: Locator) -> set[str]:
-    """The times at which the charts show their values."""
-    return {told.partition(": ")[0] for told in readings.all_inner_texts()}
+def curves(page: Page) -> str:
+    """What the chart draws, without the cursor over it."""
+    return str(page.locator("#chart canvas").evaluate("(canvas) => canvas.toDataURL()"))
 
 
-def curves(page: Page, axis: str) -> str:
-    """What a chart draws, without the cursor over it."""
-    return str(page.locator(f"[data-axis={axis}] canvas").evaluate("(canvas) => canvas.toDataURL()"))
-
-
-def focused(page: Page) -> str:
-    return str(page.evaluate("document.activeElement.closest('article').dataset.axis"))
-
-
-def test_the_keyboard_moves_the_cursor_of_all_charts_and_zooms_them(tmp_path: Path) -> None:
+def test_the_keyboard_moves_the_cursor_of_the_chart_zooms_it_and_chooses_a_moment(tmp_path: Path) -> None:
     settings = tmp_path / "web.toml"
     settings.write_text(MILL_SETTINGS, encoding="utf-8")
     with page_rig() as rig:
         played_mill(rig, settings)
-        with rig.page("/machine/mill") as page:
-            readings = page.locator("#axes .reading")
-            expect(page.locator("#axes .u-over")).to_have_count(3)
+        with rig.page("/machine/mill#time") as page:
+            expect(page.locator("#chart .u-over")).to_have_count(1)
             with page.expect_response(lambda answer: asked_s(answer) > 25.0 * DAY_S):
                 page.select_option("#span", "720")
-            page.locator("[data-axis=X] .chart").focus()
+            page.focus("#png")
             page.keyboard.press("Tab")
-            assert focused(page) == "Y"
+            assert page.evaluate("document.activeElement.id") == "chart"
+            title = page.locator("#reading-title")
             page.keyboard.press("ArrowLeft")
-            expect(readings).to_contain_text(["µm"] * 3)
-            (last,) = times(readings)
+            expect(page.locator("#reading")).to_contain_text("µm")
+            last = title.inner_text()
             page.keyboard.press("ArrowLeft")
-            expect(readings.first).not_to_contain_text(last)
-            assert len(times(readings)) == 1, "one cursor"
-            assert [note.get_attribute("aria-live") for note in readings.all()] == ["off", "polite", "off"]
-            whole = [curves(page, axis) for axis in "XZ"]
+            expect(title).not_to_have_text(last)
+            whole = curves(page)
             with page.expect_response(lambda answer: 0.0 < asked_s(answer) < 10.0 * DAY_S) as closer:
                 for _ in range(6):
                     page.keyboard.press("ArrowLeft")
@@ -72,13 +62,13 @@ def test_the_keyboard_moves_the_cursor_of_all_charts_and_zooms_them(tmp_path: Pa
             with page.expect_response(lambda answer: asked_s(answer) > 0.0) as earlier:
                 page.keyboard.press("PageUp")
             assert asked(earlier.value)[0] < asked(closer.value)[0]
-            zoomed = [curves(page, axis) for axis in "XZ"]
-            assert all(near != far for near, far in zip(zoomed, whole, strict=True)), "the others are zoomed, too"
+            zoomed = curves(page)
+            assert zoomed != whole
+            with page.expect_response(lambda answer: "/corrections/mill?before=" in answer.url):
+                page.keyboard.press("Enter")
+            expect(page.locator("#moment-title")).to_contain_text("·")
             page.keyboard.press("Home")
+            page.evaluate(TWO_FRAMES)
+            assert curves(page) != zoomed
             page.keyboard.press("Tab")
-            assert focused(page) == "Z"
-            page.keyboard.press("ArrowRight")
-            expect(readings).to_contain_text(["µm"] * 3)
-            assert all(curves(page, axis) != near for axis, near in zip("XZ", zoomed, strict=True))
-            page.keyboard.press("Tab")
-            assert page.evaluate("document.activeElement.id") == "span", "the keyboard leaves the charts"
+            assert page.evaluate("document.activeElement.closest('#chart')") is None, "the keyboard leaves the chart"

@@ -3,18 +3,14 @@
 import asyncio
 import json
 import re
-import socket
 import threading
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
-from urllib.parse import urlsplit
 
 import pytest
 from playwright.sync_api import Page, expect
 
-from gateway.listeners.web.streams import MOST_BROWSERS
-from gateway.model.text import languages, texts
 from tests.benches.cut_wire import CutWire
 from tests.benches.page_rig import LIMIT_MS, page_rig, played_mill
 
@@ -108,6 +104,7 @@ def test_a_proxy_that_ends_long_answers_is_not_seen(settings: Path) -> None:
             rig.web.kill()
 
 
+@pytest.mark.waits(50)
 def test_a_connection_that_broke_silently_is_made_again(settings: Path) -> None:
     """For instance, a panel was out of reach while its access point was replaced: nothing tells it that no more data
     will come."""
@@ -148,7 +145,7 @@ def test_more_tabs_than_a_browser_has_connections(settings: Path) -> None:
             expect(resting).to_have_title(re.compile("^(Ready|Not sure|Not ready) · mill$"))
 
 
-@pytest.mark.parametrize(("hours", "said"), [(-3.0, "3.0\u202fh slow"), (24.0, "24.0\u202fh fast")])
+@pytest.mark.parametrize(("hours", "said"), [(24.0, "24.0\u202fh fast")])
 def test_a_screen_whose_clock_is_wrong_says_so_and_takes_no_other_day_for_today(
     settings: Path, hours: float, said: str
 ) -> None:
@@ -165,35 +162,3 @@ def test_a_screen_whose_clock_is_wrong_says_so_and_takes_no_other_day_for_today(
             page.reload()
             expect(page.locator("#clock-off")).to_contain_text(said)
             assert page.locator("#machines .note").inner_text()[:18] == told[:18], "no day before the time"
-
-
-@contextmanager
-def open_streams(address: str, n: int) -> Iterator[list[socket.socket]]:
-    """Open streams, as this many browsers have them; each has been sent something."""
-    found = urlsplit(address)
-    with ExitStack() as stack:
-        streams = list[socket.socket]()
-        for _ in range(n):
-            one = stack.enter_context(socket.create_connection((found.hostname, found.port)))
-            one.sendall(f"GET /stream/mill HTTP/1.1\r\nHost: {found.netloc}\r\n\r\n".encode())
-            said = b""
-            while b"event: tick" not in said:
-                said += one.recv(65536)
-            streams.append(one)
-        yield streams
-
-
-def test_one_browser_too_many_says_so_and_goes_on_when_another_is_closed(settings: Path) -> None:
-    with page_rig() as rig:
-        played_mill(rig, settings)
-        with open_streams(rig.address, MOST_BROWSERS) as streams:
-            for language in languages():
-                with rig.page(f"/machine/mill?lang={language}", locale=f"{language}-CH") as page:
-                    said = texts(language)
-                    expect(page.locator("#word")).to_have_text(said["word.full"])
-                    expect(page.locator("#lost")).to_have_text(said["page.full"].replace("{n}", str(MOST_BROWSERS)))
-            with rig.page("/machine/mill") as page:
-                expect(page.locator("#word")).to_have_text("Page full")
-                streams[0].close()
-                expect(page.locator("[data-axis=Z] [data-of=half]")).not_to_have_text("–")
-                expect(page.locator("#lost")).to_be_hidden()

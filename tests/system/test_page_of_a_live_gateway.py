@@ -14,13 +14,11 @@ from playwright.sync_api import expect
 
 from gateway.runtime.passwords import make_hash
 from gateway.storage.history import History
-from tests.benches.page_rig import LIMIT_MS, ChildProgram, expect_each_part, page_rig, ports
+from tests.benches.page_rig import LIMIT_MS, ChildProgram, page_rig
 from tests.benches.soak import config
 
 pytestmark = [pytest.mark.peer, pytest.mark.slow]
 
-LEARNT_MS = 5 * LIMIT_MS
-"""For what takes the demo half a minute."""
 PATH = "/machine/bench"
 OPERATOR = """
 [[telemetry.operator]]
@@ -32,26 +30,12 @@ may = ["pause", "resume"]
 expect.set_options(timeout=LIMIT_MS)
 
 
-def test_each_part_has_data_of_a_gateway_that_learns(tmp_path: Path) -> None:
-    settings, (port,) = tmp_path / "web.toml", ports(1)
-    settings.write_text("[machine.bench]\ntolerance_um = 8.0\nsphere_radius_mm = 200.0\n", encoding="utf-8")
-    with page_rig() as rig:
-        rig.serve([port], settings)
-        demo = rig.demo(tmp_path, port, 1000.0)
-        with rig.page(PATH) as page:
-            expect(page.locator("#word")).to_have_text(re.compile("^(Ready|Not sure|Not ready)$"), timeout=LEARNT_MS)
-            expect_each_part(page, LEARNT_MS)
-            expect(page.locator("#axes .u-over")).to_have_count(3)
-            expect(page.locator("#heard")).to_contain_text("imulated")
-            demo.interrupt()
-            expect(page.locator("#word")).to_have_text("Gone")
-
-
 def tell(machine: ChildProgram, what: str) -> None:
     machine.say(what)
     assert machine.hear() == "done"
 
 
+@pytest.mark.waits(60)
 def test_faults_orders_and_a_power_cut_of_a_gateway_that_runs(tmp_path: Path) -> None:
     (tmp_path / "anna.key").write_text("anna" * 10, encoding="utf-8")
     (tmp_path / "anna.key").chmod(0o600)
@@ -100,46 +84,3 @@ def test_faults_orders_and_a_power_cut_of_a_gateway_that_runs(tmp_path: Path) ->
             expect(page.locator("#notices")).to_contain_text("The compensation is paused by anna")
     with History(settings.storage.path) as history:
         assert [(o.command.name, o.command.by, o.accepted) for o in history.commands()] == [("pause", "anna", True)]
-
-
-def test_a_fresh_gateway_that_is_not_armed_says_so_first_and_one_that_is_armed_later_begins(tmp_path: Path) -> None:
-    (tmp_path / "web.toml").write_text("[machine.bench]\ntolerance_um = 8.0\n", encoding="utf-8")
-    file = tmp_path / "gateway.toml"
-    with page_rig() as rig:
-        _, places = rig.live_machine(tmp_path)
-        settings = config(tmp_path, places, real=True)
-        armed = file.read_text("utf-8")
-        unarmed = armed.replace("armed = true", "armed = false").replace('mode = "compensate"', 'mode = "monitor"')
-        assert unarmed.count("armed = false") == 1
-        file.write_text(unarmed, encoding="utf-8")
-        gateway = rig.live_gateway(file)
-        rig.serve([int(settings.telemetry.listen[0].rsplit(":", 1)[1])], tmp_path / "web.toml")
-        with rig.page(PATH) as page, rig.page(PATH, locale="de-DE") as german:
-            expect(page.locator("#unarmed")).to_be_visible()
-            expect(page.locator("#unarmed")).to_have_text("Not armed")
-            first = page.locator("#waits dd")
-            expect(first.nth(0)).to_contain_text(
-                "nothing will be learnt: probing is not armed ([probing] armed = true)"
-            )
-            expect(first.nth(1)).to_contain_text("nothing is written to the control: [compensation] mode is 'monitor'")
-            expect(german.locator("#waits dd").nth(0)).to_contain_text(
-                "es wird nichts gelernt: Messen ist nicht scharf"
-            )
-            # Fresh: nothing is invented, and each part says what is missing.
-            expect(page.locator("#word")).to_have_text("No data yet")
-            expect(page.locator("#because")).to_contain_text("no grid step has ended yet")
-            expect(page.locator("#waits")).to_contain_text("the first decision: the grid step ends at")
-            expect(page.locator("#tool-empty")).to_be_visible()
-            expect(page.locator("[data-of=left]")).to_have_text(["–"] * 3)
-            expect(page.locator("#channels li")).to_have_count(30)
-            expect(page.locator("#drives-empty")).to_be_visible()
-            expect(page.locator("#corrections-empty")).to_be_visible()
-            expect(page.locator("#health")).to_contain_text("30 of 30 good")
-            expect(page.locator("#health")).to_contain_text("everything is stored")
-            gateway.kill()
-            expect(page.locator("#word")).to_have_text("Gone")
-            file.write_text(armed, encoding="utf-8")
-            rig.live_gateway(file)
-            expect(page.locator("#word")).to_have_text("No data yet")
-            expect(page.locator("#unarmed")).to_be_hidden()
-            expect(page.locator("#waits")).not_to_contain_text("not armed")

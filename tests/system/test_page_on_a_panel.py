@@ -2,13 +2,14 @@
 
 import json
 import math
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 from playwright.sync_api import Locator, expect
 
 from gateway.model.text import languages, texts
-from tests.benches.page_rig import LIMIT_MS, MILL_SETTINGS, page_rig, played_mill
+from tests.benches.page_rig import LIMIT_MS, page_rig, played_mill
 
 pytestmark = [pytest.mark.peer, pytest.mark.slow]
 
@@ -35,21 +36,22 @@ def minutes_of_arc(place: Locator) -> float:
     return 60.0 * math.degrees(math.atan(height_mm / AWAY_MM))
 
 
-@pytest.mark.parametrize("language", languages())
-def test_the_verdict_its_reason_and_the_numbers_are_read_from_two_metres(tmp_path: Path, language: str) -> None:
-    settings = tmp_path / "web.toml"
-    settings.write_text(MILL_SETTINGS, encoding="utf-8")
-    said = texts(language)
-    with page_rig() as rig:
+def test_the_verdict_its_reason_and_the_numbers_are_read_from_two_metres(settings: Path) -> None:
+    with page_rig() as rig, ExitStack() as opened:
         gateway = played_mill(rig, settings)
-        with rig.page(f"/machine/mill?lang={language}", WIDTH, HEIGHT, locale=f"{language}-CH") as page:
+        pages = {
+            of: opened.enter_context(rig.page(f"/machine/mill?lang={of}", WIDTH, HEIGHT, locale=f"{of}-CH"))
+            for of in languages()
+        }
+        for page in pages.values():
             expect(page.locator("#because p").first).to_be_visible()
             assert minutes_of_arc(page.locator("#word").first) >= LEGIBLE
             assert minutes_of_arc(page.locator("#because p").first) >= 1.3 * ACUITY
             assert minutes_of_arc(page.locator("#axes .number").first) >= 1.3 * ACUITY
-            for changes, verdict in (({"phase": "no_good"}, "word.not_ready"), ({"corrected": {}}, "word.unknown")):
-                gateway.say("decision " + json.dumps({"phase": "compensation"} | changes))
-                expect(page.locator("#word")).to_have_text(said[verdict])
+        for changes, verdict in (({"phase": "no_good"}, "word.not_ready"), ({"corrected": {}}, "word.unknown")):
+            gateway.say("decision " + json.dumps({"phase": "compensation"} | changes))
+            for language, page in pages.items():
+                expect(page.locator("#word")).to_have_text(texts(language)[verdict])
                 for seen in ("#word", "#because", "#helps p", "[data-of=half]"):
                     expect(page.locator(seen).first).to_be_in_viewport(ratio=1.0)
                 assert minutes_of_arc(page.locator("#helps p").first) >= 1.3 * ACUITY, "when it will be ready"

@@ -1,6 +1,7 @@
 """The numbers and the charts of the error at the tool, as a browser shows them."""
 
 import json
+from datetime import datetime
 from io import BytesIO
 from pathlib import Path
 
@@ -22,9 +23,9 @@ _STILL = dict.fromkeys(THERMAL_ERRORS, 0.0)
 
 
 def drawn(page: Page, ink: str) -> int:
-    """How many pixels of the chart of Z have exactly this colour of the page."""
+    """How many pixels of the chart have exactly this colour of the page."""
     named = page.evaluate("(ink) => getComputedStyle(document.documentElement).getPropertyValue('--' + ink)", ink)
-    with Image.open(BytesIO(page.locator("[data-axis=Z] canvas").screenshot())) as seen:
+    with Image.open(BytesIO(page.locator("#chart canvas").screenshot())) as seen:
         found = seen.convert("RGB").getcolors(seen.width * seen.height)
     assert found is not None
     return sum(n for n, colour in found if colour == ImageColor.getrgb(named.strip()))
@@ -48,40 +49,97 @@ def test_each_number_stands_where_its_name_is(settings: Path) -> None:
             expect(number(page, "Z", "left")).to_have_text("+18.0")
             expect(number(page, "Z", "half")).to_have_text("3.9\u202fµm")  # 1.96 of 2 µm
             expect(number(page, "X", "without")).to_have_text("0.0\u202fµm")
-            names = page.locator("[data-axis=Z] dt")
-            expect(names).to_have_text(["without", "on the control"])
-            expect(page.locator("#because")).to_contain_text("Z: 18.0\u202fµm ± 3.9\u202fµm left at the tool")
-            expect(page.locator("#because")).to_contain_text("at most 21.9\u202fµm")
+            expect(number(page, "Z", "far")).to_have_text("21.9")
+            expect(page.locator(".now-table thead th")).to_have_text(["µm", "without", "on the control", "left"])
+            expect(number(page, "Z", "interval")).to_have_text("+18.0 ± 3.9\u202fµm")
+            expect(page.locator("#because")).to_contain_text("At most 21.9\u202fµm left at the tool, in Z")
+            expect(page.locator("#because")).to_contain_text("18.0\u202fµm ± 3.9\u202fµm")
+
+
+def test_the_bars_show_which_part_of_an_interval_is_outside_the_tolerance(settings: Path) -> None:
+    """Of 18 ± 3.9 µm nothing, a part and all is within ± 100, ± 20 and ± 8 µm."""
+    with page_rig() as rig:
+        gateway = played_mill(rig, settings)
+        grown = {"corrected": _STILL | {"EZ0T": 18.0}, "sigma": _STILL | {"EZ0T": 2.0}, "phase": "compensation"}
+        with rig.page("/machine/mill", 1024, 600) as page:
+            gateway.say("compensation " + json.dumps({"mode": "advise", "source": "prediction"}))
+            gateway.say("decision " + json.dumps(grown))
+            bars = page.locator("[data-axis=Z] .bar")
+            for tolerance, kinds in (("100", ["bar"]), ("20", ["bar", "bar warn"]), ("8", ["bar bad"])):
+                page.fill("#tolerance", tolerance)
+                page.keyboard.press("Enter")
+                expect(bars).to_have_count(len(kinds))
+                expect(bars.first).to_have_class(kinds[0])
+                assert [bar.get_attribute("class") for bar in bars.all()] == kinds
+            for seen in ("#word", "#because p", "[data-axis=X] .number", "[data-axis=Z] .bar", "[data-axis=Z] .number"):
+                expect(page.locator(seen)).to_be_in_viewport(ratio=1.0)
+            page.click("#wider")
+            expect(page.locator("#tolerance")).to_have_value("8.5")
+            page.click("#tighter")
+            expect(page.locator("#tolerance")).to_have_value("8")
 
 
 def test_the_chart_draws_what_is_left_and_the_measurements(settings: Path) -> None:
     with page_rig() as rig:
         played_mill(rig, settings)
-        with rig.page("/machine/mill") as page:
-            expect(page.locator("#axes .u-over")).to_have_count(3)
-            assert drawn(page, "after") > 50, "dashes of what is left"
+        with rig.page("/machine/mill#time") as page:
+            expect(page.locator("#chart .u-over")).to_have_count(1)
+            assert drawn(page, "after") > 50, "what is left"
             assert drawn(page, "measured") > 50, "dots"
 
 
-def test_the_pointer_over_one_chart_is_in_all_of_them_and_a_drag_zooms_all(settings: Path) -> None:
+def test_a_drag_and_the_wheel_zoom_and_a_double_click_shows_all(settings: Path) -> None:
     with page_rig() as rig:
         played_mill(rig, settings)
-        with rig.page("/machine/mill") as page:
-            expect(page.locator("#axes .u-over")).to_have_count(3)
-            readings, chart = page.locator("#axes .reading"), page.locator("[data-axis=X] .u-over")
-            box = chart.bounding_box()
+        with rig.page("/machine/mill#time") as page:
+            over, canvas = page.locator("#chart .u-over"), page.locator("#chart canvas")
+            expect(over).to_have_count(1)
+            box = over.bounding_box()
             assert box is not None
             page.mouse.move(box["x"] + box["width"] / 3, box["y"] + 40)
-            expect(readings).to_contain_text(["µm"] * 3)
-            assert len({told.partition(": ")[0] for told in readings.all_inner_texts()}) == 1, "one time"
-            of_z = page.locator("[data-axis=Z] canvas")
-            whole = of_z.evaluate(_CURVES)
+            expect(page.locator("#reading")).to_contain_text("µm")
+            whole = canvas.evaluate(_CURVES)
             page.mouse.down()
             page.mouse.move(box["x"] + box["width"] / 2, box["y"] + 40, steps=5)
             page.mouse.up()
             page.evaluate(TWO_FRAMES)
-            zoomed = of_z.evaluate(_CURVES)
+            zoomed = canvas.evaluate(_CURVES)
             assert zoomed != whole
-            chart.dblclick()
+            page.mouse.wheel(0.0, -300.0)
             page.evaluate(TWO_FRAMES)
-            assert of_z.evaluate(_CURVES) != zoomed
+            closer = canvas.evaluate(_CURVES)
+            assert closer != zoomed
+            over.dblclick()
+            page.evaluate(TWO_FRAMES)
+            assert canvas.evaluate(_CURVES) not in {zoomed, closer}
+
+
+def test_what_moved_the_tool_at_a_clicked_moment_adds_up_and_what_is_seen_is_exported(settings: Path) -> None:
+    """The store's EZ0A is the hour of the day, of which spindle_rear gives 1 µm."""
+    with page_rig() as rig:
+        played_mill(rig, settings)
+        with rig.page("/machine/mill#time", zone="UTC") as page:
+            over = page.locator("#chart .u-over")
+            expect(over).to_have_count(1)
+            box = over.bounding_box()
+            assert box is not None
+            with page.expect_response(lambda answer: "/corrections/mill?before=" in answer.url) as answered:
+                over.click(position={"x": box["width"] / 4, "y": 60})
+            last = answered.value.json()["lines"][0]
+            stack = page.locator("#drives .stack")
+            expect(stack).to_have_count(1)
+            parts = page.locator("#moment-why .part-of").all_inner_texts()
+            hour = float(datetime.fromisoformat(last["t"]).hour)
+            assert last["estimate"]["n"] == hour
+            shown = [float(part.split("\u00a0")[1].replace("\u2212", "-")) for part in parts]
+            assert sum(shown) == pytest.approx(hour)
+            expect(page.locator("#moment-why .total")).to_have_text(f"{hour:+.1f}\u202fµm".replace("+0.0", "0.0"))
+            with page.expect_download() as saved:
+                page.click("#csv")
+            heading, *lines = saved.value.path().read_text("utf-8").splitlines()
+            assert {"time_utc", "without_um", "left_um", "measured_um"} <= set(heading.split(","))
+            assert len(lines) > 50
+            with page.expect_download() as drawn_file:
+                page.click("#png")
+            with Image.open(drawn_file.value.path()) as picture:
+                assert picture.width >= box["width"]

@@ -3,10 +3,8 @@
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 from playwright.sync_api import CDPSession, Page, expect
 
@@ -195,25 +193,3 @@ def test_a_mouse_dragged_over_one_chart_shows_that_time_in_every_chart(desk: Pag
     all_show(desk, 13, 16)
     mouse.click_twice(0.5)
     all_show(desk, 7, 31)
-
-
-def test_nothing_is_wider_than_a_phone(page: Page) -> None:
-    assert page.evaluate("document.documentElement.scrollWidth") <= WIDTH
-    assert page.evaluate("getComputedStyle(document.querySelector('.touch')).display") == "inline"
-
-
-@pytest.mark.parametrize("run", [replace(small_run(24), step_s=10.0, compensation_s=10.0 * np.arange(24.0))])
-def test_no_minute_of_a_short_run_is_marked_twice(page: Page) -> None:
-    """Four minutes of a rehearsal: half minutes would have the same text."""
-    page.set_viewport_size({"width": 1280, "height": HEIGHT})
-    page.reload()
-    whole = marks(page, 1)
-    assert len(whole) >= 2
-    assert len(set(whole)) == len(whole)
-
-
-@pytest.mark.parametrize("run", [replace(small_run(288, start=0.0), origin_s=0.0)])
-def test_a_recording_without_dates_shows_hours(page: Page) -> None:
-    assert marks(page, 1) == ["0:00 h", "6:00 h", "12:00 h", "18:00 h"]
-    page.locator(".u-over").nth(1).hover()
-    expect(page.locator(".uplot").nth(1).locator(".u-legend .u-value").first).to_have_text("11:55 h")

@@ -295,6 +295,38 @@ def test_a_change_of_phase_is_an_event_and_no_other_training_is() -> None:
     assert EventKind.PHASE_CHANGED not in kinds(c.adopt(models(CALIBRATION + 4)))
 
 
+def test_an_update_interval_trains_in_compensation_on_the_grid_and_ends_no_other_phase() -> None:
+    control = ControlSettings(
+        calibration_steps=CALIBRATION,
+        measurement_interval_steps=4,
+        no_good_measurements=3,
+        update_interval_steps=10,
+    )
+    c = Controller(INPUTS, TalcSettings(method="models", control=control))
+    calibrate(c)
+    jobs = {}
+    for k in range(CALIBRATION, 45):
+        job = c.step(frame(k, measured=2.0 if k % 4 == 0 else None)).training
+        if job is not None:
+            jobs[k] = job.why
+            c.adopt(models(k))
+    assert jobs == {20: Why.INTERVAL, 30: Why.INTERVAL, 40: Why.INTERVAL}
+    # A residual beyond its limit while such a training is in progress: its end does not end the no-good phase.
+    for k in range(45, 51):
+        job = c.step(frame(k)).training
+    assert job is not None
+    phases = [c.phase]
+    c.step(frame(51, measured=20.0))
+    phases.append(c.phase)
+    c.adopt(replace(models(50), why=Why.INTERVAL.value))
+    phases.append(c.phase)
+    why = [None if job is None else job.why for job in (c.step(frame(k, measured=20.0)).training for k in (52, 53, 54))]
+    assert why == [None, None, Why.NO_GOOD]
+    c.adopt(models(54))
+    phases.append(c.phase)
+    assert phases == [Phase.COMPENSATION, Phase.NO_GOOD, Phase.NO_GOOD, Phase.COMPENSATION]
+
+
 def test_after_a_training_without_a_model_the_measurements_are_counted_again() -> None:
     c = controller()
     for k in range(CALIBRATION):

@@ -117,3 +117,23 @@ def test_the_errors_are_foreseen_under_a_planned_load() -> None:
     np.testing.assert_allclose(found[8000.0] - found[0.0], true, rtol=0.2)
     with pytest.raises(ValueError, match="models"):
         Controller(NAMES, TalcSettings(method="models")).along(changes(0.0), AHEAD)
+
+
+def test_a_load_that_runs_for_some_minutes_warms_as_its_equations_say_and_cools_again() -> None:
+    recent = future(0.0)[LEARNT - DAY : LEARNT]
+    known = np.ones(recent.shape, np.bool_)
+    pulse = response().changes(NAMES, recent, known, {"spindle_speed": 6000.0}, 96, lasting=12)
+    assert pulse is not None
+    np.testing.assert_allclose(pulse[:12], changes(6000.0)[:12])
+    before = work(1, 10)
+    quiet, hour = (
+        bodies(np.concatenate([before, np.full(12, speed), np.full(84, before[-1])]), 1)
+        for speed in (before[-1], 6000.0)
+    )
+    truth = (hour - quiet)[LEARNT:, BEARING]
+    held = response().changes(NAMES, recent, known, {"spindle_speed": float(before[-1])}, 96)
+    assert held is not None
+    found = (pulse - held)[:, BEARING]
+    assert found[11] == pytest.approx(truth[11], rel=0.3)
+    assert found[-1] < 0.3 * found[11], "it cools when the load ends"
+    assert not pulse[12:, SPEED].any()

@@ -66,6 +66,7 @@ def test_leverage_is_that_of_the_other_inputs_alone() -> None:
     assert leave_two_out(precision, new)[2][0, 0, 1] == pytest.approx(alone)
 
 
+@pytest.mark.slow
 def test_thresholds_are_students_quantile_and_markovs_bound() -> None:
     from scipy.stats import t as student  # a second that only this test needs to spend
 

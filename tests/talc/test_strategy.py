@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from talc.control import Controller
+from talc.control import Controller, ControllerState
 from talc.frame import Decision, FloatArray, Frame, Frames, Measurement, Phase, Why
 from talc.hold import MeasureAndHold
-from talc.settings import ControlSettings, TalcSettings
+from talc.settings import ControlSettings, TalcSettings, TrainingSettings
 from talc.snapshot import from_plain, to_plain
 from talc.strategy import Strategy
 from talc.transfer import transferred
@@ -67,7 +67,12 @@ def test_a_snapshot_goes_on_as_if_nothing_had_happened(method: str) -> None:
     first = Controller(INPUTS, settings(method), strategy=own(method))
     frames = list(day(60))
     run(first, iter(frames[:35]))
-    plain, arrays = to_plain(first.state())
+    again = Controller.restore(kept(first, frames), settings(method), strategy=own(method))
+    same(run(again, iter(frames[35:])), whole[35:])
+
+
+def kept(controller: Controller, frames: list[Frame]) -> ControllerState:
+    """The controller's state, by a snapshot."""
 
     def stored(begin: int, end: int) -> Frames:
         some = [frame for frame in frames if begin <= frame.k <= end]
@@ -79,9 +84,33 @@ def test_a_snapshot_goes_on_as_if_nothing_had_happened(method: str) -> None:
             np.array([none if f.measurement is None else f.measurement.errors for f in some]),
         )
 
-    state = from_plain(plain, arrays, stored)
-    again = Controller.restore(state, settings(method), strategy=own(method))
-    same(run(again, iter(frames[35:])), whole[35:])
+    return from_plain(*to_plain(controller.state()), stored)
+
+
+@pytest.mark.parametrize("restart", [False, True])
+def test_an_output_that_was_not_measured_is_trained_on_as_it_was_estimated(restart: bool) -> None:
+    training = TrainingSettings(selector="tck", max_na=2, static_inputs=True)
+    chosen = replace(settings("models"), training=training, control=replace(CONTROL, no_good_measurements=3))
+    controller, frames = Controller(INPUTS, chosen), [frame for frame in day(80) if frame.k not in (46, 47)]
+    estimated, last = np.full((80, 9), np.nan), None
+    for frame in frames:
+        if restart and frame.k == 40:
+            controller = Controller.restore(kept(controller, frames), chosen)
+        decision = controller.step(frame)
+        estimated[frame.k] = decision.predicted
+        if decision.training is not None:
+            last = decision.training
+            controller.adopt(models(frame.k))
+    assert last is not None
+    assert last.k > 48
+    measured = np.isfinite(last.measured[:, 0])
+    asked = [k for k in range(CALIBRATION, last.k) if not measured[k] and measured[k + 1 : k + 3].any()]
+    assert len(asked) > 8
+    assert last.estimated is not None
+    np.testing.assert_array_equal(last.estimated[asked], estimated[asked])
+    unasked = [k for k in range(24, 46) if not measured[k] and k not in asked]  # between two gaps
+    assert len(unasked) > 4
+    assert np.isnan(last.estimated[unasked[:-2]]).all(), "nothing is kept that no training needs"
 
 
 @pytest.mark.parametrize("method", METHODS)

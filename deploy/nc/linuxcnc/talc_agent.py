@@ -27,6 +27,8 @@ VERSION, CAPABILITIES = 3, ("probe", "dry_run", "shift", "errors", "values")
 MODES = {linuxcnc.MODE_MANUAL: "jog", linuxcnc.MODE_AUTO: "auto", linuxcnc.MODE_MDI: "mda"}
 SECONDS, FROZEN_S = 42, 2.0
 """Analog input with the seconds of real time, see talc_agent.hal; unchanged for this long, it is stale."""
+OUTPUTS = 4
+"""Analog outputs, which a part program sets with M68, that are reported as states."""
 PROGRAM = {
     linuxcnc.INTERP_IDLE: "stopped",
     linuxcnc.INTERP_READING: "running",
@@ -113,18 +115,21 @@ class Control:
         nc = self._poll()
         if nc is not None:
             self._travel.add(now, self._settings.positions(nc))
+            self._pins["seen"] = self._seconds
         self._cycle.step(now, nc, self._command)
 
     def status(self, _: dict[str, Any]) -> dict[str, Any]:
         """Positions: the tool's tip from where A and C meet, mm; A, C in degrees."""
         s = self._poll()
         if s is None:
-            raise Refusal("LinuxCNC does not run, or its state stands still")
+            raise Refusal("LinuxCNC does not run, or its state stands still", "stale")
+        obstacle = self._cycle.obstacle(s)
         return {
             "positions": self._settings.tip(s),
             "states": {
                 "spindle_speed": abs(s.spindle[0]["speed"]) if s.spindle[0]["enabled"] else 0.0,
                 "coolant": float(bool(s.flood or s.mist)),
+                **{f"analog_output_{n}": float(s.aout[n]) for n in range(OUTPUTS)},
                 **self._travel.take(time.monotonic()),
             },
             "estop": bool(s.estop),
@@ -132,7 +137,8 @@ class Control:
             "homed": all(s.homed[: s.joints]),
             "mode": MODES.get(s.task_mode, "unknown"),
             "program": PROGRAM.get(s.interp_state, "unknown"),
-            "cannot_probe": self._cycle.obstacle(s),
+            "cannot_probe": obstacle,
+            "cannot_probe_code": obstacle.code,
             "tool": s.tool_in_spindle,
             "probe": s.tool_in_spindle == self._settings.path.probe_tool,
             "probing": self._cycle.under_way,
@@ -190,7 +196,7 @@ def component() -> Any:
     """The pins that talc_agent.hal connects."""
     it = hal.component("talc")
     bounds = [f"{axis}-bound" for axis in AXES]
-    for name in (*ERRORS, *bounds, "silence", "ramp", "request", "withdrawn", "dry-run"):
+    for name in (*ERRORS, *bounds, "silence", "ramp", "request", "withdrawn", "dry-run", "seen"):
         it.newpin(name, hal.HAL_FLOAT, hal.HAL_OUT)
     centres = (f"centre-{pose}-{axis}" for pose in range(POSES) for axis in AXES)
     in_force = (f"{name}-in-force" for name in (*AXES, *ERRORS))

@@ -8,26 +8,16 @@ from typing import Any
 
 import hal
 import linuxcnc
+import talc_reasons as why
 from talc_offsets import Pins
 from talc_path import POSES, ProbingPath
+from talc_reasons import Reason
 from talc_server import Refusal
 
-OFF, BY_OTHERS = "the machine is off or not homed", "somebody else moved the machine or changed its modes"
-MAY_NOT = "the pin talc.may-start became FALSE"
-EXTERNAL = "an external offset is in force (axis.*.eoffset)"
 STATES = {1: "accepted", 2: "running", 3: "done", 4: "refused", 5: "failed"}
 FINAL = ("done", "refused", "failed")
-REASONS = {
-    0: "",
-    2: "the touch probe is missing, does not answer, or its contact is closed",
-    3: "the kinematics are not the identity",
-    4: "withdrawn",
-    5: EXTERNAL,
-    6: "a touch found no sphere",
-    20: "a touch where none may be",
-    21: BY_OTHERS,
-    22: "the touch probe does not answer",
-}
+G59_3 = 9
+"""The coordinate system of the cycle."""
 START_LIMIT_S, IDLE_LIMIT_S, STATUS_LIMIT_S = 10.0, 0.5, 2.0
 HIGHEST_MM = 1000.0
 """Of a dry run, as the protocol has it."""
@@ -38,11 +28,13 @@ class Cycle:
 
     def __init__(self, pins: Pins, path: ProbingPath) -> None:
         self._pins, self._path = pins, path
-        self._number, self._state, self._reason, self._void = 0, "idle", "", ""
+        self._number, self._state, self._reason, self._void = 0, "idle", why.NONE, why.NONE
         self._dry_run_mm = 0.0
         self._expires_s = math.inf
         self._since_idle_s: float | None = None
         self._mode_before: int | None = None
+        self._halted = False
+        """Whether a cycle was stopped, and nobody has said since, by talc.may-start, that the machine may move."""
         self._started_s: float | None = None
         self._taken_s: float | None = None
         """When LinuxCNC's status was first seen after the program had taken the request."""
@@ -61,13 +53,14 @@ class Cycle:
         if dry_run_mm and not least_mm <= dry_run_mm <= HIGHEST_MM:
             raise Refusal(f"dry_run_mm = {dry_run_mm:g}: expected 0, or {least_mm:g} to {HIGHEST_MM:g} over the sphere")
         if number == self._number:
-            raise Refusal(f"request number {number} was the last one: its old result could be taken for a new one")
+            text = f"request number {number} was the last one: its old result could be taken for a new one"
+            raise Refusal(text, "number_again")
         if self.under_way:
-            raise Refusal(f"cycle {self._number} is under way")
+            raise Refusal(f"cycle {self._number} is under way", "under_way")
         if self._state == "requested":
-            raise Refusal(f"request {self._number} waits for the control's next safe point")
+            raise Refusal(f"request {self._number} waits for the control's next safe point", "waits")
         self._leaving = 0 != self._number == self._pins["answers"] and not self._ended
-        self._number, self._state, self._reason, self._void = number, "requested", "", ""
+        self._number, self._state, self._reason, self._void = number, "requested", why.NONE, why.NONE
         self._expires_s = now + valid_for_s if valid_for_s > 0 else math.inf
         self._started_s, self._since_idle_s, self._began_in, self._taken_s = None, None, None, None
         self._begun = self._ended = False
@@ -77,38 +70,47 @@ class Cycle:
         """Withdraw a waiting request; a running cycle checks this before each pose and touch."""
         if number == self._number and self._state not in ("idle", *FINAL):
             if self._state == "requested":
-                self._refuse("withdrawn")
+                self._refuse(why.WITHDRAWN)
             else:
                 self._pins["withdrawn"] = float(number)
 
     def status(self, number: int) -> dict[str, Any]:
         """State, reason; when done, mm: centres in the order of the poses, spread of repeated touches."""
         if number != self._number:
-            return {"state": "idle", "reason": "", "centres": None, "spread": None}
+            return {"state": "idle", "reason": "", "code": "", "centres": None, "spread": None}
         centres = spread = None
         if self._state == "done":
             centres = [[self._pins[f"centre-{pose}-{axis}"] for axis in "xyz"] for pose in range(POSES)]
             spread = self._pins["spread"]
-        return {"state": self._state, "reason": self._reason, "centres": centres, "spread": spread}
+        return {
+            **{"state": self._state, "reason": self._reason, "code": self._reason.code},
+            **{"centres": centres, "spread": spread},
+        }
 
-    def obstacle(self, nc: Any) -> str:
+    def obstacle(self, nc: Any) -> Reason:
         """Why a cycle cannot begin in the present state; empty: it can, in a part program at its next safe point."""
-        if why := self._impossible(nc, 0.0):
-            return why
+        if impossible := self._impossible(nc, 0.0):
+            return impossible
         if nc.interp_state != linuxcnc.INTERP_IDLE:
-            return ""
+            return why.NONE
         if not self._pins["may-start"]:
-            return "no program runs, and the pin talc.may-start is FALSE"
-        return "the machine is being moved by hand" if _moves(nc) else ""
+            return why.NOT_ALLOWED
+        if _moves(nc):
+            return why.BY_HAND
+        # Somebody or something has stopped a cycle: whoever takes the probe up, and allows it again, has looked.
+        if self._path.is_low(nc):
+            return why.PROBE_IS_LOW
+        return why.HALTED if self._halted else why.NONE
 
-    def _impossible(self, nc: Any, dry_run_mm: float) -> str:
+    def _impossible(self, nc: Any, dry_run_mm: float) -> Reason:
         if not _is_ready(nc):
-            return OFF
-        return EXTERNAL if hal.get_value("motion.eoffset-active") else self._path.obstacle(nc, dry_run_mm)
+            return why.OFF
+        return why.EXTERNAL if hal.get_value("motion.eoffset-active") else self._path.obstacle(nc, dry_run_mm)
 
     def step(self, now: float, nc: Any, command: Any) -> None:
         """Check program and control. nc: a fresh linuxcnc.stat, or None when LinuxCNC does not answer."""
         self._rests = nc is not None and _idle(nc)
+        self._halted = self._halted and self._pins["may-start"]
         if nc is not None and self._pins["called"]:
             self._guard(nc, command)
         if self._number and self._pins["answers"] == self._number and self._state not in ("idle", *FINAL):
@@ -128,7 +130,7 @@ class Cycle:
             self._pins["called"] = False
         elif not self._pins["may-start"]:
             if self._begun:  # otherwise a new request waits for the end of the program before
-                self._void = self._void or MAY_NOT
+                self._void = self._void or why.NOT_ALLOWED_ANY_MORE
             self._pins["called"] = False
             command.abort()
 
@@ -142,9 +144,8 @@ class Cycle:
         if told == "done" and self._pins["result-of"] != self._number:
             told = "running"  # its pins are not all written yet
         if told in FINAL:
-            reason = round(self._pins["reason"])
-            void = "" if told == "refused" else self._void
-            self._end("failed" if void else told, void or REASONS.get(reason, f"reason {reason}"))
+            void = why.NONE if told == "refused" else self._void
+            self._end("failed" if void else told, void or why.of_program(round(self._pins["reason"])))
             return
         self._state = told
         if nc is None or not self._rests:
@@ -152,8 +153,19 @@ class Cycle:
         elif self._since_idle_s is None:
             self._since_idle_s = now
         elif now - self._since_idle_s > IDLE_LIMIT_S:
-            self._end("failed", self._void or "the program was stopped")
-            command.abort()  # after an error of its interpreter LinuxCNC has not called talc_abort yet
+            self._stopped(nc, command)
+
+    def _stopped(self, nc: Any, command: Any) -> None:
+        """The program has ended without a result. Where the machine may move by itself, the agent's own goes up first
+        when LinuxCNC's interpreter has ended it: then talc_abort has not yet taken back what is the cycle's."""
+        stopped = why.INTERPRETER if nc.g5x_index == G59_3 else why.STOPPED
+        may = self._pins["called"] and nc.task_mode == linuxcnc.MODE_MDI and _is_ready(nc)  # allowed still: see _guard
+        if stopped is why.INTERPRETER and may and not self._void:
+            self._void, self._since_idle_s = stopped, None
+            command.mdi("o<talc_recover> call")
+        else:
+            self._end("failed", self._void or stopped)
+            command.abort()  # which calls talc_abort
 
     def _told(self) -> str:
         return STATES.get(round(self._pins["state"]), "accepted")
@@ -179,27 +191,27 @@ class Cycle:
             return
         mode, block = self._began_in
         if not _is_ready(nc):
-            self._void = OFF  # LinuxCNC has stopped the program
+            self._void = why.OFF  # LinuxCNC has stopped the program
         elif nc.task_mode != mode:
-            self._void = "somebody changed the operating mode"
+            self._void = why.OTHER_MODE
             command.abort()  # in MANUAL the program would neither go on nor end
         elif nc.queued_mdi_commands or now_in[1] not in ("", block) or _by_hand(nc):
-            self._void = BY_OTHERS
+            self._void = why.FOREIGN
             self._pins["withdrawn"] = -float(self._number)
 
     def _wait(self, now: float, nc: Any, command: Any) -> None:
         if nc is None:
             return
         self._leaving = self._leaving and not self._rests and self._told() not in FINAL
-        if why := self._impossible(nc, self._dry_run_mm):
-            self._refuse(why)
+        if impossible := self._impossible(nc, self._dry_run_mm):
+            self._refuse(impossible)
             return
         if not self._leaving and self._pins["request"] != self._number:
             self._pins["withdrawn"], self._pins["dry-run"] = 0.0, self._dry_run_mm
             self._pins["request"] = float(self._number)
         obstacle = self.obstacle(nc)
         if now >= self._expires_s:
-            self._refuse("no safe point before the request expired")
+            self._refuse(why.EXPIRED)
         elif self._started_s is not None:
             self._start(now, nc, command, obstacle)
         elif _idle(nc) and not obstacle and not self._leaving:
@@ -208,20 +220,22 @@ class Cycle:
                 self._mode_before = nc.task_mode
             command.mode(linuxcnc.MODE_MDI)
 
-    def _start(self, now: float, nc: Any, command: Any, obstacle: str) -> None:
+    def _start(self, now: float, nc: Any, command: Any, obstacle: Reason) -> None:
         if self._started_s is not None and now - self._started_s > START_LIMIT_S:
-            self._refuse("the program did not start")
+            self._refuse(why.NOT_STARTED)
         elif not self._begun and nc.task_mode == linuxcnc.MODE_MDI and _idle(nc) and not obstacle:
             self._begun = self._pins["called"] = True
             command.mdi("o<talc_safe_point> call")
 
-    def _refuse(self, reason: str) -> None:
+    def _refuse(self, reason: Reason) -> None:
         if not self._leaving:
             self._pins["withdrawn"] = float(self._number)  # should the program be taking it at this moment
         self._end("refused", reason)
 
-    def _end(self, state: str, reason: str) -> None:
+    def _end(self, state: str, reason: Reason) -> None:
         self._state, self._reason = state, reason
+        self._halted = self._halted or reason in (why.STOPPED, why.OTHER_MODE, why.NOT_STARTED)
+        self._halted = self._halted or (state == "failed" and reason == why.OFF)
         self._pins["request"] = 0.0
 
 

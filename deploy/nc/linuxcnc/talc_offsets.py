@@ -55,7 +55,7 @@ class Offsets:
         x, y, z = numbers(command, "um", len(AXES))
         most = self._machine.bound_um
         if max(abs(x), abs(y), abs(z)) > most:
-            raise Refusal(f"um = {[x, y, z]}: beyond [TALC] BOUND, {most:g} µm")
+            raise Refusal(f"um = {[x, y, z]}: beyond [TALC] BOUND, {most:g} µm", "bound")
         self._want(command, [y, z, x, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], [most] * 3)
 
     def errors(self, command: dict[str, Any]) -> list[float]:
@@ -81,11 +81,11 @@ class Offsets:
         earlier = whole(command, "predecessor") if "predecessor" in command else 0
         watched = self._watched()
         if self._owner not in (0, who, earlier) and watched:
-            raise Refusal(f"the control's compensation belongs to gateway {self._owner}, not to this one")
+            raise Refusal(f"the control's compensation belongs to gateway {self._owner}, not to this one", "owner")
         if not (0.05 <= silence <= 86400.0 and ramp >= 0.0):
             raise Refusal("expected silence_s 0.05 to 86400 and ramp_um_per_s 0 or more")
         if why := self._machine.elsewhere(self._pin_value):
-            raise Refusal(why)
+            raise Refusal(why, "other_axes")
         goes_on = watched and self._owner in (who, earlier) and self._owner != 0
         self._owner = who
         if not goes_on:
@@ -96,7 +96,7 @@ class Offsets:
     def heartbeat(self, command: dict[str, Any]) -> bool:
         """Whether the watchdog was active until now."""
         if (who := whole(command, "owner")) != self._owner:
-            raise Refusal(f"the control's compensation belongs to gateway {self._owner}, not to {who}")
+            raise Refusal(f"the control's compensation belongs to gateway {self._owner}, not to {who}", "owner")
         watched = self._watched()
         self._beat()
         return watched
@@ -119,7 +119,7 @@ class Offsets:
     def _want(self, command: dict[str, Any], errors: list[float], bound_um: list[float]) -> None:
         lapse = self._pins["lapse"]
         if not self._owner or command.get("owner") != self._owner or not self._watched():
-            raise Refusal("no heartbeat: claim the control and keep it alive before writing")
+            raise Refusal("no heartbeat: claim the control and keep it alive before writing", "no_heartbeat")
         for name, v in zip(ERRORS, errors, strict=True):
             self._pins[name] = v
         for axis, v in zip(AXES, bound_um, strict=True):

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from talc_joints import AXES, MachineJoints
+from talc_reasons import NONE, Reason
 
 POSES = 6
 POSE_FIELDS = tuple(f"POSE_{pose}_{axis}" for pose in range(POSES) for axis in "AC")
@@ -33,6 +34,8 @@ _POSITIVE = ("BALL", "CLEAR", "REACH", "FINE_REACH", "FIND_FEED", "FEED", "APPRO
 NUMBER = {axis: "XYZABCUVW".index(axis) for axis in AXES}
 """Of the axes in LinuxCNC's lists."""
 
+_AT_MM = 0.01
+"""What is no farther from a place is there."""
 Range = tuple[float, float]
 
 
@@ -50,21 +53,21 @@ class ProbingPath:
         self.poses = [(self._of[f"POSE_{i}_A"], self._of[f"POSE_{i}_C"]) for i in range(POSES)]
         self.unfit = self._why_unfit()
 
-    def _why_unfit(self) -> str:
+    def _why_unfit(self) -> Reason:
         machine = self._machine
         if machine.mm != 1.0:
-            return f"[TRAJ] LINEAR_UNITS = {machine.unit}: the probing program works in mm only"
+            return Reason("units", f"[TRAJ] LINEAR_UNITS = {machine.unit}: the probing program works in mm only")
         if machine.takes_back:
-            return machine.takes_back
+            return Reason("abort_command", machine.takes_back)
         for name, value in self._of.items():
             if not math.isfinite(value):
-                return f"[TALC] {name} is missing: the probing program needs it"
+                return Reason("setting", f"[TALC] {name} is missing: the probing program needs it")
             if name in _POSITIVE and not value > 0:
-                return f"[TALC] {name} = {value:g}: expected more than 0"
+                return Reason("setting", f"[TALC] {name} = {value:g}: expected more than 0")
         swing, safe = math.hypot(machine.radius, self._of["SPHERE_HEIGHT"]) + self._of["BALL"], self._of["SAFE_Z"]
         if safe > swing:
-            return ""
-        return f"[TALC] SAFE_Z = {safe:g}: the sphere swings up to {swing:.1f} mm over the pivot"
+            return NONE
+        return Reason("safe_height", f"[TALC] SAFE_Z = {safe:g}: the sphere swings up to {swing:.1f} mm over the pivot")
 
     @property
     def mark(self) -> str:
@@ -73,20 +76,29 @@ class ProbingPath:
         made_of = {**self._of, "PIVOT": machine.pivot, "SPHERE_RADIUS": machine.radius, "PROBE_TOOL": self.probe_tool}
         return hashlib.sha256(json.dumps(made_of, sort_keys=True).encode()).hexdigest()[:16]
 
-    def obstacle(self, nc: Any, dry_run_mm: float) -> str:
+    def obstacle(self, nc: Any, dry_run_mm: float) -> Reason:
         """Why the whole path cannot be gone in this state of the control; empty: it can. nc: a fresh linuxcnc.stat."""
         if self.unfit:
             return self.unfit
         probe = next((tool for tool in nc.tool_table if tool.id == self.probe_tool), None)
         if probe is None:  # LinuxCNC would end the part program that wants to change it in
-            return "the touch probe is not in the tool table"
+            return Reason("no_probe", "the touch probe is not in the tool table")
         if probe.zoffset == 0:
-            return f"the length of the touch probe is not known: tool {self.probe_tool} has Z0 in the tool table"
+            text = f"the length of the touch probe is not known: tool {self.probe_tool} has Z0 in the tool table"
+            return Reason("probe_length", text)
         tool = {axis: getattr(probe, f"{axis.lower()}offset") for axis in AXES}
         c = nc.joint_actual_position[self._machine.joints["C"][0]] - tool["C"]
         limits = limits_of(nc, self._machine)
         why = (self.beyond(tool, limits, turns_deg, dry_run_mm) for turns_deg in full_turns_deg(c))
-        return next(filter(None, why), "")
+        return next(filter(None, why), NONE)
+
+    def is_low(self, nc: Any) -> bool:
+        """Whether the touch probe is in the spindle and its tip below SAFE_Z. nc: a fresh linuxcnc.stat."""
+        if nc.tool_in_spindle != self.probe_tool:
+            return False
+        probe = next((tool for tool in nc.tool_table if tool.id == self.probe_tool), None)
+        z = nc.joint_actual_position[self._machine.joints["Z"][0]] - self._machine.pivot[2]
+        return bool(z - (probe.zoffset if probe is not None else 0.0) < self._of["SAFE_Z"] - _AT_MM)
 
     def least_dry_run_mm(self) -> float:
         """At this height the ways to the sphere's sides end just over it."""
@@ -94,7 +106,7 @@ class ProbingPath:
 
     def beyond(
         self, tool: Mapping[str, float], limits: Mapping[str, Range], turns_deg: float = 0.0, dry_run_mm: float = 0.0
-    ) -> str:
+    ) -> Reason:
         """What of the path is beyond the limits; empty: nothing.
 
         tool: the probe's offsets, by axis. limits: of each axis. turns_deg: where C counts from.
@@ -107,11 +119,12 @@ class ProbingPath:
                 if low <= needed[0] and needed[1] <= high:
                     continue
                 at, limit = (needed[0], low) if needed[0] < low else (needed[1], high)
-                return (
+                return Reason(
+                    "beyond_travel",
                     f"pose {pose} needs {axis} = {at:.1f} with the probe in the spindle, beyond the limit {limit:g}: "
-                    f"see [TALC] SAFE_Z, sphere, pivot and poses, the tool table and [AXIS_{axis}]"
+                    f"see [TALC] SAFE_Z, sphere, pivot and poses, the tool table and [AXIS_{axis}]",
                 )
-        return ""
+        return NONE
 
     def _ranges(self, dry_run_mm: float) -> Iterator[dict[str, Range]]:
         """Of the tip from where A and C meet, with the sphere as far off its place as a touch may find it."""

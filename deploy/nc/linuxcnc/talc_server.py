@@ -23,7 +23,11 @@ Verb = Callable[[dict[str, Any]], Any]
 
 
 class Refusal(Exception):
-    """The message says what was wrong; it is the answer."""
+    """The message says what was wrong; it is the answer. code: the same for programs, whatever the words are."""
+
+    def __init__(self, text: str, code: str = "argument") -> None:
+        super().__init__(text)
+        self.code = code
 
 
 class Client:
@@ -124,7 +128,7 @@ class Server:
                 answer = self._obey(client, command)
             self._say(client, {"answer": answer})
         except (Refusal, ValueError, RecursionError) as error:
-            self._say(client, {"error": str(error)})
+            self._say(client, {"error": str(error), "code": getattr(error, "code", "argument")})
             if client.session is None:
                 self._drop(client)
 
@@ -132,14 +136,14 @@ class Server:
         wanted, known = str(command.get("do")), self._reading if client.reads else self._verbs
         if wanted not in known:
             only = " of a client that only reads" if client.reads else ""
-            raise Refusal(f"do = {command.get('do')!r}: expected one of {', '.join(known)}{only}")
+            raise Refusal(f"do = {command.get('do')!r}: expected one of {', '.join(known)}{only}", "command")
         return self._verbs[wanted](command)
 
     def _login(self, client: Client, command: dict[str, Any], mac: bytes, text: bytes) -> None:
         """The session's key is derived from the shared key and a number from each side: nothing can be replayed."""
         session = hmac.digest(self._key, f"{client.challenge} {command.get('nonce')}".encode(), "sha256")
         if not _fits(session, "client", 0, text, mac):
-            raise Refusal("the proof does not fit: is it the same key on both sides?")
+            raise Refusal("the proof does not fit: is it the same key on both sides?", "key")
         client.reads = bool(self._reading) and command.get("reads") is True
         if client.reads:
             self._make_room()
@@ -156,7 +160,7 @@ class Server:
         """For the only client that may write."""
         for other in [c for c in self._clients if c.session is not None and not c.reads]:
             if time.monotonic() - other.heard_s < QUIET_S:
-                raise Refusal("another client is connected")
+                raise Refusal("another client is connected", "occupied")
             self._drop(other)  # perhaps its computer lost power and connects again here
 
     def _say(self, client: Client, message: dict[str, Any]) -> None:

@@ -24,13 +24,14 @@ from gateway.runtime.terminal import terminal
 from gateway.runtime.time_service import clock_synchronised
 from gateway.storage.answers import answered
 from gateway.storage.history import History
-from talc.frame import FloatArray
+from talc.frame import EventKind, FloatArray
 from talc.steps import DAY_S, steps_in
 
 _SCATTER_CYCLES = 10
 _SCATTER_GROWN = 2.0
 _MASTER = "/dev/ptmx"
 """The other end of a pseudo-terminal."""
+_AT_ROUTER = (NoticeCode.TELEMETRY_UNCONFIRMED, NoticeCode.TWO_OF_ONE_NAME)
 _SAME_K = 0.02
 _MOVED_K = 0.5
 
@@ -85,16 +86,31 @@ def _found(config: GatewayConfig, root: Path, *, synchronised: bool) -> Iterator
     for caution in cautions(config):
         if caution.where not in unread:
             yield Text(NoticeCode.CONFIG_CAUTION, caution=str(caution))
-    for problem in credential_problems(config.telemetry, datetime.now(UTC)):
-        if problem.where not in unread:
-            yield spoilt_file(config, problem)
+    spoilt = [one for one in credential_problems(config.telemetry, datetime.now(UTC)) if one.where not in unread]
+    yield from (spoilt_file(config, problem) for problem in spoilt)
+    if not (unread or spoilt):
+        yield from _unreached(config)
     if why := dry_run_wanted(config):
         yield why
     if answered(config.storage.path, config.storage.path.is_file):
         with History(config.storage.path) as history:
+            yield from _of_telemetry(history)
             yield from _other_masters(history, config)
             yield from _scatter(history.residuals_um())
             yield from _too_equal(history, config)
+
+
+def _unreached(config: GatewayConfig) -> Iterator[Text]:
+    """The places that this computer cannot connect to as the gateway would."""
+    telemetry = config.telemetry
+    if not (telemetry.enabled and telemetry.connecting):
+        return
+    from gateway.telemetry.reaching import cause  # only here: it loads Zenoh
+    from gateway.telemetry.session import own_access
+
+    for place in telemetry.connecting:
+        if (why := cause(place, own_access(telemetry))) is not None:
+            yield Text(NoticeCode.TELEMETRY_AWAY, places=place.text, why=why)
 
 
 def _disk(config: GatewayConfig) -> Iterator[Text]:
@@ -155,6 +171,16 @@ def _open_files(process: Path) -> Iterator[str]:
         for link in (process / "fd").iterdir():
             with suppress(OSError):
                 yield str(link.readlink())
+
+
+def _of_telemetry(history: History) -> Iterator[Text]:
+    """What the running gateway has found at its router, and not seen end."""
+    last: dict[object, tuple[EventKind, Text]] = {}
+    for _, event in history.troubles():
+        last[event.values.get("subject")] = event.kind, plain(event.text)
+    for kind, text in last.values():
+        if kind is EventKind.PROBLEM and any(map(text.says, _AT_ROUTER)):
+            yield text
 
 
 def _other_masters(history: History, config: GatewayConfig) -> Iterator[Text]:

@@ -15,6 +15,7 @@ from drivers.modbus.settings import ModbusRtuSettings, ModbusRtuTcpSettings, Mod
 from drivers.problems import read_settings
 from gateway.acquisition.text import number_text
 from gateway.commissioning.inspection.draft import Draft, now_text, write_draft
+from gateway.commissioning.inspection.sweep import Guess, changed, guess, swept
 from gateway.commissioning.scan.found import open_bus
 from gateway.commissioning.scan.registers import ORDERS, Meaning, SeenWords, profile_draft, read_words
 from gateway.commissioning.scan.tcp import scanned_host
@@ -51,6 +52,70 @@ def inspect_registers(
     if draft.file is not None and seen.words:
         _write(draft.file, seen, Meaning(form, draft.scale, draft.quantity), unit, where)
     return bool(seen.words)
+
+
+def sweep_unit(bus: ModbusBus, unit: int, most: int, where: str, draft: Draft) -> bool:
+    """Read all tables, again once a sensor is warm, print what changed and how it is likely meant, and write the draft;
+    False if nothing was read."""
+    before = asyncio.run(_swept(bus, unit, most))
+    for function, seen in before.items():
+        runs = ", ".join(f"{first}-{first + len(words) - 1}" for first, words in seen.runs())
+        click.echo(f"function {function}: {len(seen.words)} addresses answer: {runs}")
+    if not before:
+        return False
+    after = asyncio.run(_again(bus, unit, before)) if _warmed() else before
+    console, guesses = terminal(), list[Guess]()
+    for function, seen in before.items():
+        moved = changed(seen, after[function])
+        pairs = {a + i for a in moved for i in (-1, 0, 1) if a + i in seen.words}
+        for table in word_tables(SeenWords(function, {a: after[function].words[a] for a in sorted(pairs)})):
+            console.print(table)
+        if seen.has_bits or not (found := guess(seen, after[function])):
+            continue
+        guesses.append(found)
+        then, now = seen.numbers(found.form), after[function].numbers(found.form)
+        for address in found.addresses:
+            mark = "  changed" if set(range(address, address + found.form.registers)) & set(moved) else ""
+            click.echo(f"function {function}, address {address}: {_form_text(found)}: "
+                       f"{then[address] * found.scale:g}, then {now[address] * found.scale:g}{mark}")  # fmt: skip
+    if draft.file is not None and guesses:
+        best = max(
+            guesses, key=lambda one: (len(changed(before[one.function], after[one.function])), len(one.addresses))
+        )
+        _write(draft.file, best.words(after[best.function]), best.meaning(draft.quantity), unit, where)
+    elif draft.file is not None:
+        click.echo("nothing looks like a temperature; read its addresses with `inspect registers`", err=True)
+    return True
+
+
+def _warmed() -> bool:
+    """Whether somebody warmed a sensor. An input that has ended is no."""
+    try:
+        click.prompt("Warm one sensor by hand, or wet it; Enter when it is warm", default="", show_default=False)
+    except click.Abort:
+        click.echo()
+        return False
+    return True
+
+
+def _form_text(found: Guess) -> str:
+    form = found.form
+    order = _ORDER_NAMES[form.word_order, form.byte_order]
+    return f"{form.type} {order}" + ("" if found.scale == 1 else f" x {found.scale:g}")
+
+
+async def _swept(bus: ModbusBus, unit: int, most: int) -> Mapping[int, SeenWords]:
+    async with open_bus(bus):
+        return await contained(swept(bus, unit, most), f"the requests to unit {unit}")
+
+
+async def _again(bus: ModbusBus, unit: int, before: Mapping[int, SeenWords]) -> Mapping[int, SeenWords]:
+    async with open_bus(bus):
+        found = {}
+        for function, seen in before.items():
+            asked = read_words(bus, unit, function, sorted(seen.words))
+            found[function] = await contained(asked, f"the requests to unit {unit}")
+        return found
 
 
 def modbus_at(where: str, unit: int, *, baud: int, parity: Parity, rtu: bool, timeout_s: float) -> ModbusBus:

@@ -1,7 +1,7 @@
 """The first configuration of a machine: what its integrator answers, and what a scan found."""
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -9,6 +9,7 @@ from pydantic import AfterValidator, Field
 
 from drivers.bus_settings import Baud
 from drivers.canopen.settings import CanOpenSettings
+from drivers.modbus.settings import ModbusRtuSettings
 from drivers.mtconnect.settings import AgentUrl, MachineOfAgent
 from drivers.mtconnect.suggest import SuggestedItems
 from drivers.opcua.settings import ServerUrl
@@ -19,9 +20,10 @@ from gateway.commissioning.scan.fragment import CONFIRM, merged
 from gateway.commissioning.scan.serial import scanned_port
 from gateway.commissioning.scan.tcp import scanned_host
 from gateway.config.fields import LOOPBACK, Name
-from gateway.config.file import parse
+from gateway.config.file import draft, parse
 from gateway.config.reading import read_as
 from gateway.config.wires import toml_value
+from gateway.runtime.written import whole_numbers
 
 
 def _host(text: str) -> str:
@@ -32,6 +34,11 @@ def _host(text: str) -> str:
 def _can_interface(name: str) -> str:
     read_settings(CanOpenSettings, {"interface": "socketcan", "channel": name})
     return name
+
+
+def _units(text: str) -> str:
+    whole_numbers(*ModbusRtuSettings.units, text)
+    return text
 
 
 class SinumerikAnswers(Section):
@@ -81,8 +88,14 @@ class Answers(Section):
     """Speeds to try on them; none: the usual ones."""
     can: tuple[Annotated[str, AfterValidator(_can_interface)], ...] = ()
     """CAN interfaces to scan."""
+    slcan: tuple[Annotated[str, AfterValidator(scanned_port)], ...] = ()
+    """Serial ports of CAN adapters (slcan), to scan at each usual bit rate."""
     hosts: tuple[Annotated[str, AfterValidator(_host)], ...] = ()
     """Modbus TCP devices and Micro-Epsilon controllers to ask: host, or host:port."""
+    units: Annotated[str, AfterValidator(_units)] | None = None
+    """Modbus units to ask, such as 1-32,40; none: 1 to 32 on serial lines, 1 at hosts."""
+    profiles: Mapping[str, NotEmpty] = Field(default_factory=dict)
+    """Profiles of your own for devices that no supplied one fits, by place and unit: `"10.0.0.9 1" = "pt8.toml"`."""
     control: Annotated[ControlAnswers, Field(discriminator="kind")] | None = None
     """The numerical control; none: the gateway reads, stores and publishes."""
 
@@ -92,24 +105,40 @@ def read_answers(path: Path) -> Answers:
     return read_as(Answers, path)
 
 
+def answers_text(answers: Answers) -> str:
+    """A file of answers that `read_answers` reads."""
+    simple = answers.model_dump(mode="json", exclude={"profiles", "control"}, exclude_defaults=True)
+    lines = [_ANSWERS_HEAD, *_pairs(simple)]
+    if answers.profiles:
+        lines += ["[profiles]", *_pairs(answers.profiles)]
+    if answers.control is not None:
+        lines += ["[control]", *_pairs(answers.control.model_dump(mode="json"))]
+    return "\n".join(lines) + "\n"
+
+
+def _pairs(fields: Mapping[str, object]) -> list[str]:
+    return [f"{key if key.isidentifier() else toml_value(key)} = {toml_value(value)}" for key, value in fields.items()]
+
+
 def first_configuration(
-    answers: Answers, places: Sequence[Place], path: Path, items: SuggestedItems | None = None
+    answers: Answers, places: Sequence[Place], path: Path, items: SuggestedItems | None = None, existing: str = ""
 ) -> str:
-    """Text of a whole configuration that `check` accepts: everything that was found, nothing armed.
+    """Text of a whole configuration: everything that was found, nothing armed. `check` accepts it once it has a device.
 
     items: what the description of an MTConnect agent suggests; None: it was not read.
+    existing: an earlier text, of which everything stays; what it lacks is added
 
     Each line that holds a guess says CONFIRM and how to do so. A file below /etc is the service's, which may not write
-    there: its database gets the Debian package's folder. Raises ConfigError: nothing was found that has a profile
-    (there is nothing to learn from), or an answer is invalid in a configuration.
+    there: its database gets the Debian package's folder. Raises ConfigError: an answer is invalid in a configuration.
     """
-    head = _HEAD.format(name=toml_value(answers.machine), listen=toml_value(LOOPBACK))
-    if path.resolve().is_relative_to("/etc"):
+    head = existing or _HEAD.format(name=toml_value(answers.machine), listen=toml_value(LOOPBACK))
+    if not existing and path.resolve().is_relative_to("/etc"):
         head += _STORAGE
     text = merged(head, places, path)
-    if answers.control is not None:
+    config = draft(text, path)
+    if answers.control is not None and config.nc is None:
         text += "\n" + _control(answers.control, items or SuggestedItems())
-    parse(text, path)
+        (parse if config.devices else draft)(text, path)
     return text
 
 
@@ -120,6 +149,9 @@ def to_confirm(text: str) -> list[tuple[int, str]]:
 
 
 _CONFIRMED = re.compile(rf"#.*\b{CONFIRM}: (.*)")
+
+_ANSWERS_HEAD = """\
+# What `talc-gateway init` was told; it proposes this when it is run again, and `--answers` takes this file."""
 
 _HEAD = """\
 # Written by `talc-gateway init`. A line that says CONFIRM holds a guess: put it right and delete the comment. Nothing

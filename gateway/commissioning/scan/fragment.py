@@ -10,6 +10,7 @@ from drivers.build import BUS_KINDS
 from drivers.problems import settings_of
 from drivers.profiles import load_profile
 from gateway.commissioning.scan.found import Found, Place
+from gateway.commissioning.scan.unknown import draft_name, mark, next_command, without_marked
 from gateway.config.file import draft, parse
 from gateway.config.model import GatewayConfig
 from gateway.config.polled import BusSection
@@ -22,25 +23,54 @@ _UNIT_NAMES = {"degC": "rtd", "µm": "growth"}
 
 def check_addable(existing: str, path: Path) -> None:
     """Raises ConfigError if nothing could be added to `existing`, whatever is found. Called before a scan."""
-    if existing.strip() and draft(existing, path).devices:  # without devices it may become valid later
-        parse(existing, path)
+    if existing.strip():
+        _check(existing, path)
+
+
+def _check(text: str, path: Path) -> None:
+    """Raises ConfigError. Without devices a configuration is not valid, but may become so."""
+    if draft(text, path).devices:
+        parse(text, path)
 
 
 def merged(existing: str, places: Sequence[Place], path: Path) -> str:
-    """`existing` (which may be empty) with a section for every recognised device that it does not have yet.
+    """`existing` (which may be empty) with a section for every recognised device that it does not have yet, and
+    comments, with the next command, for every unknown one.
 
     Every name is new, so several scans can go into one file. `path` names the file in messages. The text is checked
     before it is returned: raises ConfigError with every problem, including those of `existing`.
     """
-    parts = [existing.rstrip("\n")] if existing.strip() else ['[machine]\nname = "machine"']
-    config = draft(parts[0], path)
+    before = existing.rstrip("\n") if existing.strip() else '[machine]\nname = "machine"'
+    config = draft(before, path)
     names = _Names(config)
-    said = frozenset(existing.splitlines())
-    for group in _by_port([_absolute(place) for place in places]):
+    groups = list(_by_port([_absolute(place) for place in places]))
+    before = without_marked(before, _outdated(groups, config))
+    said = frozenset(before.splitlines())
+    parts = [before]
+    for group in groups:
         parts += _sections(group, config, names, said, path.resolve().parent)
     text = "\n\n".join(parts) + "\n"
-    parse(text, path)
+    _check(text, path)
     return text
+
+
+def unknown_devices(existing: str, places: Iterable[Place], path: Path) -> list[tuple[Place, Found]]:
+    """Those that neither a profile describes nor `existing` has; their places. Raises ConfigError."""
+    config = draft(existing or '[machine]\nname = "machine"', path)
+    return [
+        (place, device)
+        for place in places
+        for device in place.devices
+        if not device.what.profile and not _has(config, _existing_bus(config, _absolute(place)), device)
+    ]
+
+
+def _outdated(groups: Iterable[Sequence[Place]], config: GatewayConfig) -> Iterator[str]:
+    """Marks of comments on a wire of which more is known now."""
+    for group in groups:
+        known = _existing_bus(config, group[0])
+        if any(device.what.profile and not _has(config, known, device) for device in group[0].devices):
+            yield from (mark(place, device) for place in group for device in place.devices)
 
 
 class _Names:
@@ -101,18 +131,24 @@ def _sections(
         f"{device.what.profile or 'a unit'} at unit {device.unit} answers as {other.title}: set it as {as_what}"
         for other in group if other is not first for device in other.devices
     )  # fmt: skip
-    usable = [device for device in first.devices if device.what.profile]
-    lines += _comments(f"unit {d.unit}: {d.what.evidence}" for d in first.devices if not d.what.profile)
+    new = [device for device in first.devices if not _has(config, known, device)]
+    usable = [device for device in new if device.what.profile]
+    unknown = [device for device in new if not device.what.profile and mark(first, device) not in said]
     lines = [line for line in lines if line not in said]
-    if known is None and usable:
+    bus, its_lines = known.name if known is not None else "", list[str]()
+    if known is None and (usable or unknown):
         bus = names.free(BUS_KINDS[first.kind].name_stem)
-        lines += ["[[bus]]", f"name = {toml_value(bus)}", f"kind = {toml_value(first.kind)}"]
-        lines += [f"{key} = {toml_value(value)}" for key, value in _options(first, folder)]
-    else:
-        bus = "" if known is None else known.name
+        its_lines = ["[[bus]]", f"name = {toml_value(bus)}", f"kind = {toml_value(first.kind)}"]
+        its_lines += [f"{key} = {toml_value(value)}" for key, value in _options(first, folder)]
+    if usable:
+        lines, its_lines = [*lines, *its_lines], []
     sections = ["\n".join(lines)] if lines else []
     addressed = BUS_KINDS[first.kind].units is not None
-    return sections + [_device(bus, device, names, addressed) for device in usable if not _has(config, known, device)]
+    sections += [_device(bus, device, names, addressed, folder) for device in usable]
+    for device in unknown:
+        sections.append(_unknown(first, device, its_lines, bus, names))
+        its_lines = []
+    return sections
 
 
 def _existing_bus(config: GatewayConfig, place: Place) -> BusSection | None:
@@ -142,9 +178,31 @@ def _has(config: GatewayConfig, known: BusSection | None, device: Found) -> bool
     return any(known.units is None or d.unit == device.unit for d in config.devices_of(known.name))
 
 
-def _device(bus: str, device: Found, names: _Names, addressed: bool) -> str:
+def _unknown(place: Place, device: Found, bus_lines: Sequence[str], bus: str, names: _Names) -> str:
+    """Sections that become valid when they are uncommented and the profile is there."""
+    name = names.free("device")
+    lines = [device.what.evidence]
+    if command := next_command(place, device):
+        lines += [f"next: {command}"]
+    lines += [f"then `talc-gateway init` again with that profile, or uncomment ({CONFIRM}: which device this is):"]
+    lines += [
+        *bus_lines,
+        "[[device]]",
+        f"name = {toml_value(name)}",
+        f"bus = {toml_value(bus)}",
+        f'profile = "{draft_name(place, device)}"',
+        f"unit = {device.unit}",
+        "[device.channels]",
+        f"{name}_in0 = 0",
+    ]
+    return "\n".join([mark(place, device), *_comments(lines)])
+
+
+def _device(bus: str, device: Found, names: _Names, addressed: bool, folder: Path) -> str:
     what = device.what
     profile = load_profile(what.profile)
+    own = Path(what.profile)
+    written = own.name if own.parent == folder else what.profile
     name = names.free(_UNIT_NAMES.get(profile.unit, "device"))
     lines = _comments([f"{profile.title}; {what.evidence}", *(f"{CONFIRM}: {doubt}" for doubt in what.doubts)])
     if device.reads:
@@ -153,7 +211,7 @@ def _device(bus: str, device: Found, names: _Names, addressed: bool) -> str:
         "[[device]]",
         f"name = {toml_value(name)}",
         f"bus = {toml_value(bus)}",
-        f"profile = {toml_value(what.profile)}",
+        f"profile = {toml_value(written)}",
     ]
     if addressed:
         lines += [f"unit = {device.unit}"]

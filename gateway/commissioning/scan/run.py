@@ -1,7 +1,7 @@
 """A scan on a terminal: progress, a table of what was found, and the configuration of it in a file."""
 
 import asyncio
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterator
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,8 +16,11 @@ from drivers.can.survey import Stopped
 from drivers.recognition import describe
 from gateway.commissioning.scan.found import ScanProgress, ScanReport
 from gateway.commissioning.scan.fragment import check_addable, merged
+from gateway.commissioning.scan.unknown import next_command
 from gateway.config.problems import ConfigError, Problem
 from gateway.config.reading import read_text
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 from gateway.runtime.signals import stop_on_signals
 from gateway.runtime.terminal import duration_text, terminal
 
@@ -69,7 +72,19 @@ def scan_to_file(intro: str, total: int, longest_s: float, ending: ScanEnding, r
             _write(toml, report, yes)
         else:
             click.echo(f"nothing was recognised; {toml} was not written", err=True)
+    for step in _next_steps(report, written=toml is not None):
+        said.print(f"next: {step}", soft_wrap=True, highlight=False)
     return bool(report.found)
+
+
+def _next_steps(report: ScanReport, *, written: bool) -> Iterator[str]:
+    """What to type now."""
+    if not written and any(device.what.profile for device in report.found):
+        yield "the same command with --toml gateway.toml"
+    for place in report.places:
+        for device in place.devices:
+            if not device.what.profile and (command := next_command(place, device)):
+                yield command
 
 
 def find(said: Console, total: int, limit_s: float, run: ScanRun, yes: bool) -> tuple[ScanReport, str]:
@@ -87,7 +102,7 @@ def _existing(toml: Path | None) -> None:
     try:
         check_addable(read_text(toml), toml)
     except ConfigError as error:
-        advice = Problem("", "nothing was scanned: correct this file, or give another one with --toml")
+        advice = Problem("", Text(NoticeCode.NOT_SCANNED))
         raise ConfigError(toml, [*error.problems, advice]) from None
 
 

@@ -15,8 +15,11 @@ from drivers.modbus.rtu import ModbusRtuBus
 from drivers.modbus.settings import ModbusRtuSettings
 from drivers.problems import read_settings
 from drivers.recognition import Recognition, recognise_me_rs485, recognise_modbus
+from drivers.text import shown
 from gateway.commissioning.scan.alike import told_apart
 from gateway.commissioning.scan.found import Found, Place, ScanProgress, ScanReport, open_bus, read_inputs
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 from gateway.runtime.boundary import UnexpectedError, contained
 
 ANY_REGISTER = Block(3, 0, 1)
@@ -73,11 +76,9 @@ class SerialScan:
 def scanned_port(name: str) -> str:
     """The name of a serial port of this computer: a scan sets its speed. Raises ValueError."""
     if "://" in name:
-        raise ValueError(
-            f"{name!r}: expected the path of a serial port; for a device server: talc-gateway scan tcp --rtu HOST:PORT"
-        )
+        raise ValueError(Text(NoticeCode.SCAN_PORT_SERVER, value=shown(name)))
     if not Path(name).name or "\0" in name:
-        raise ValueError(f"{name!r}: expected the path of a serial port; talc-gateway scan ports lists them")
+        raise ValueError(Text(NoticeCode.SCAN_PORT, value=shown(name)))
     return name
 
 

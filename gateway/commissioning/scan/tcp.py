@@ -16,9 +16,12 @@ from drivers.modbus.settings import ModbusRtuTcpSettings, ModbusTcpSettings
 from drivers.problems import read_settings
 from drivers.recognition import Recognition, recognise_me_ethernet, recognise_modbus
 from drivers.section import host_and_port, host_name
+from drivers.text import shown
 from gateway.commissioning.scan.alike import UNUSUAL_UNITS, told_apart
 from gateway.commissioning.scan.found import Found, Place, ScanProgress, ScanReport, open_bus, read_inputs
 from gateway.commissioning.scan.serial import ANY_REGISTER
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 from gateway.runtime.boundary import UnexpectedError, contained
 
 _MOST_ODD = 3
@@ -33,11 +36,11 @@ def scanned_host(text: str) -> tuple[str, int | None]:
     """Host, and port if it has one, of `host` or `host:port`. Raises ValueError."""
     host, colon, port = text.rpartition(":") if text.count(":") == 1 else (text, "", "")
     if colon and not (port.isdecimal() and len(port) <= 5 and 0 < int(port) < 65536):
-        raise ValueError(f"{text!r}: expected a port from 1 to 65535")
+        raise ValueError(Text("a_port", value=shown(text)))
     try:
         host_name(host)
     except ValueError:
-        raise ValueError(f"{text!r}: expected the name or address of a host, or host:port") from None
+        raise ValueError(Text(NoticeCode.SCAN_HOST, value=shown(text))) from None
     return host, int(port) if colon else None
 
 

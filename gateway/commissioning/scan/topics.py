@@ -11,6 +11,8 @@ from drivers.mqtt.bus import TopicMessage
 from drivers.mqtt.profile import TimeUnit, instant_in, number_in
 from gateway.commissioning.scan.drafts import draft_text
 from gateway.config.wires import toml_value
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 
 _TIME_UNITS: tuple[TimeUnit, ...] = get_args(TimeUnit)
 _NEAR = timedelta(days=3650)
@@ -146,6 +148,6 @@ def topic_draft(seen: list[SeenTopic], *, scale: float, unit: str, place: str, w
                 lines += [f"time_unit = {toml_value(time.unit)}"] if time.unit not in (None, "s") else []
             blocks.append([*lines, *([] if scale == 1 else [f"scale = {scale!r}"])])
     if not blocks:
-        raise ValueError("no topic holds a number")
+        raise ValueError(Text(NoticeCode.NO_TOPIC_NUMBER))
     oldest_s = _AGES * bus_period_s(seen)
     return draft_text("mqtt", "max_age_s, scale and unit", unit, blocks, place, when, (f"max_age_s = {oldest_s}",))

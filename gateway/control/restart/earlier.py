@@ -18,12 +18,15 @@ from gateway.control.restart.rebuild import (
     used,
 )
 from gateway.control.sensor_watch import SeenBefore
+from gateway.model.codes import NoticeCode
 from gateway.model.commands import Disarmed, Pause
 from gateway.model.step_time import StepTime
+from gateway.model.text import Text
 from gateway.storage.configurations import stored_config
 from gateway.storage.faults import DamagedError, StoreError
 from gateway.storage.history import History
 from gateway.storage.store import Store
+from gateway.storage.stored import StoredMeasurement
 from talc.control import Controller
 from talc.frame import FloatArray, TrainingJob, Why
 from talc.names import THERMAL_ERRORS
@@ -44,6 +47,8 @@ class EarlierRun:
     """First steps after pauses whose length the grid indices do not tell."""
     pending: tuple[TrainingJob | None, Why | None] = (None, None)
     reference_mm: FloatArray | None = None
+    renewing: bool = False
+    """Whether a new reference was asked for and is still to be measured."""
     last_number: int | None = None
     missing: Mapping[str, int] = field(default_factory=dict)
     """Inputs of live models without a good value at the last step, and the grid index since when."""
@@ -110,8 +115,8 @@ def earlier_run(
     except MemoryError as error:
         inputs = len(config.input_names)
         raise SetupError(
-            f"the computer does not have enough memory for the learner of {inputs} inputs",
-            hint="use fewer channels, method = 'models' under [talc], or a computer with more memory",
+            Text(NoticeCode.LEARNER_NO_MEMORY, inputs=inputs),
+            hint=Text(NoticeCode.LEARNER_USE_LESS),
         ) from error
     except Exception as error:  # noqa: BLE001 - a damaged row may cause any; raised again if the database is whole
         store.repair(error, file)
@@ -128,11 +133,13 @@ def past_of(history: History, config: GatewayConfig, progress: RebuildProgress =
 
     Raises StoreError when the record was made with another grid step.
     """
+    reference = history.reference()
     if history.config() is None:
         return EarlierRun(
             start_of(config, history.learnt()),
             moment=history.moment(),
-            reference_mm=_reference_mm(history),
+            reference_mm=_reference_of(reference),
+            renewing=_is_renewing(reference),
             last_number=history.last_number(),
             paused=history.paused(),
             disarmed=history.disarmed(),
@@ -156,7 +163,8 @@ def past_of(history: History, config: GatewayConfig, progress: RebuildProgress =
         moment=history.moment(),
         pauses=tuple(history.pauses(uncovered=True)),
         pending=(found.job, found.measure),
-        reference_mm=_reference_mm(history),
+        reference_mm=_reference_of(reference),
+        renewing=_is_renewing(reference),
         last_number=history.last_number(),
         missing=found.missing,
         measured=tuple(found.measured),
@@ -172,9 +180,14 @@ def past_of(history: History, config: GatewayConfig, progress: RebuildProgress =
     )
 
 
-def _reference_mm(history: History) -> FloatArray | None:
-    first = history.reference()
-    return None if first is None or first.centres_mm is None else first.centres_mm + first.in_force_um * 1e-3
+def _reference_of(found: StoredMeasurement | None) -> FloatArray | None:
+    if found is None or found.errors is None or found.centres_mm is None:
+        return None
+    return found.centres_mm + found.in_force_um * 1e-3
+
+
+def _is_renewing(found: StoredMeasurement | None) -> bool:
+    return found is not None and found.errors is None
 
 
 def _inputs_changed(before: GatewayConfig, after: GatewayConfig) -> Iterator[str]:

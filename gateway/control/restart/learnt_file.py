@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from drivers.bounded_file import bytes_of
 from drivers.error_words import in_words
 from gateway.config.model import GatewayConfig
 from gateway.control.restart.earlier import past_of
@@ -20,6 +21,7 @@ from gateway.storage.learnt import Learnt, Reference, learnt_text, parse_learnt
 from talc.names import THERMAL_ERRORS
 
 _MB = 1e6
+_MOST_BYTES = 2**27
 
 
 def export_learnt(database: Path, output: Path) -> str:
@@ -47,7 +49,7 @@ def export_learnt(database: Path, output: Path) -> str:
 def take(config: GatewayConfig, file: Path, *, replace: bool) -> Iterator[str]:
     """Import the file into the database of a configuration; says what was taken and what was not. Raises StoreError."""
     try:
-        text = file.read_text(encoding="utf-8")
+        text = bytes_of(file, _MOST_BYTES).decode()
         learnt = parse_learnt(text)
         continued(learnt, config)
     except OSError as error:

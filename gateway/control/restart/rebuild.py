@@ -12,6 +12,8 @@ import numpy as np
 
 import talc
 from gateway.config.model import GatewayConfig
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text, text_of
 from gateway.runtime.versions import versions
 from gateway.storage.history import History
 from gateway.storage.learnt import Learnt, parse_learnt
@@ -49,7 +51,7 @@ def start_of(config: GatewayConfig, learnt: str | None) -> Controller:
     try:
         return continued(found, config)
     except ValueError as error:
-        log.warning("what was imported is not used: %s", error)
+        log.warning("%s", Text(NoticeCode.IMPORT_NOT_USED, why=text_of(error)))
         return controller_of(config)
 
 
@@ -151,7 +153,7 @@ def _restored(history: History, config: GatewayConfig) -> Rebuilt | None:
             prior = None if config.prior is None else config.prior.prior
             controller = Controller.restore(found.state, config.talc, config.grid.step_s, prior)
         except (SnapshotError, ValueError) as error:
-            log.warning("a snapshot is not used: %s", error)
+            log.warning("%s", Text(NoticeCode.SNAPSHOT_NOT_USED, why=text_of(error)))
             continue
         return Rebuilt(
             controller,

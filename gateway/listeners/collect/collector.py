@@ -10,14 +10,15 @@ from datetime import UTC, datetime
 from typing import Protocol, cast
 
 import pyarrow as pa
+from pyarrow import compute
 
 from drivers.base import SystemClock
 from gateway.listeners.collect.folder import Commit
 from gateway.listeners.collect.progress import CollectProgress, TablePlace
-from gateway.listeners.collect.tables import arrow_of, check_end
+from gateway.listeners.collect.tables import arrow_of, check_end, time_column
 from gateway.model.codes import NoticeCode
 from gateway.model.notice import Notice
-from gateway.model.text import Text, plain, text_of
+from gateway.model.text import Text, text_of
 from gateway.runtime.problems import Problems, TurnTime
 from gateway.storage.epochs import NUMBERS
 from gateway.telemetry.answers import StoredRows, StoredTable
@@ -34,6 +35,8 @@ _WRITTEN_AT_ONCE = 2
 _APART_S = 1.0
 """Between two turns in which machines are asked that have nothing more. All at once they would keep processors, disks
 and the network busy for seconds, and live messages would wait."""
+_AHEAD_S = 60.0
+"""How far the clocks of two computers with time servers are never apart."""
 _NAMED = 5
 """Machines that a line of the log names."""
 _GAPS = "gaps"
@@ -57,6 +60,9 @@ class SiteKept(Protocol):
 
     def progress(self, machine: str) -> CollectProgress:
         """How far a machine is collected. Raises OSError, ValueError."""
+
+    def collected_as(self, table: str, epoch: str) -> tuple[str, CollectProgress] | None:
+        """The machine of which this epoch of a table is collected, and how far; None: of none. Raises OSError."""
 
     def add(self, machine: str, commit: Commit) -> CollectProgress:
         """Keep all of a batch, or nothing of it. When this returns, it is kept for good.
@@ -111,6 +117,8 @@ class Collector:
         self._problems = Problems(self._time, every_s, lambda _: None, log)
         self._of_machines = Problems(self._time, every_s, self._notices.append, log, quiet=True)
         """Told together for all machines that have the same one."""
+        self._clocks = Problems(self._time, every_s, lambda _: None, log)
+        self._clocks_lock = threading.Lock()
 
     def run(self, stop: threading.Event) -> None:
         """Turn after turn until `stop`. What holds up all machines is logged when it begins and when it ends."""
@@ -120,7 +128,7 @@ class Collector:
                 due_s = self.turn(clock.monotonic())
             except OSError as error:
                 due_s = clock.monotonic() + self._every_s
-                self._problems.report("site", plain(str(error)), str(error))
+                self._problems.report("site", text_of(error), str(error))
             else:
                 self._problems.clear("site", NoticeCode.COLLECTING_AGAIN)
             stop.wait(max(0.0, due_s - clock.monotonic()))
@@ -157,7 +165,7 @@ class Collector:
             more = self._page(name, asked)
         except Exception as error:  # noqa: BLE001 - whatever claims to be a gateway may answer anything; it is reported
             asked.progress = None  # the disk says whether the batch counts
-            asked.problem = str(error) or type(error).__name__
+            asked.problem = text_of(error) or type(error).__name__
             if isinstance(error, OSError | ValueError | pa.ArrowException):
                 return False, None
             asked.problem = f"unexpected {type(error).__name__}: {error}"
@@ -195,7 +203,22 @@ class Collector:
             places = {table: place for table, place in places.items() if table not in lacks}
             answer = self._gateways.ask(name, places, self._limit)
         with self._writing:
+            if (renamed := self._renamed(name, before, answer)) is not None:
+                asked.progress = renamed
+                return True
             return self._keep(name, asked, before, places, answer)
+
+    def _renamed(self, name: str, before: CollectProgress, answer: StoredRows) -> CollectProgress | None:
+        """Of a machine that is collected for the first time: where it was, if its store is known by another name."""
+        if before.places:
+            return None
+        begun = ((table, page.epoch) for table, page in answer.tables.items() if page.epoch and page.numbers)
+        found = next((found for place in begun if (found := self._kept.collected_as(*place)) is not None), None)
+        if found is None or found[0] == name:
+            return None
+        former, progress = found
+        log.warning("%s", Text(NoticeCode.MACHINE_RENAMED, machine=name, former=former))
+        return CollectProgress(before.batch, progress.places)
 
     def _lacking(self, name: str, places: Mapping[str, TablePlace | None], refused: Text) -> frozenset[str]:
         """The tables that the gateway's program does not have. One that does not say so is asked for each."""
@@ -234,13 +257,27 @@ class Collector:
                 batch.more = True
         rows = batch.rows_at(self._utc())
         for table, *_ in batch.gaps:
-            log.warning("%s: %s were deleted for their age before they were collected", name, table)
+            log.warning("%s", Text(NoticeCode.ROWS_TOO_OLD, machine=name, table=table))
+        self._compare_clock(name, rows)
         asked.progress = self._kept.add(name, Commit(batch.progress, rows)) if batch.progress != before else before
         for table, added in rows.items():
             asked.rows[table] = asked.rows.get(table, 0) + added.num_rows
         if batch.problems:
             raise OSError("; ".join(batch.problems))
         return batch.more
+
+    def _compare_clock(self, name: str, rows: Mapping[str, pa.Table]) -> None:
+        """Say when rows are of a time that has not come yet; they are kept as they are."""
+        latest = max((time for table in rows.values() if (time := _latest(table)) is not None), default=None)
+        if latest is None:
+            return
+        ahead_s = (latest - self._utc()).total_seconds()
+        with self._clocks_lock:
+            if ahead_s > _AHEAD_S:
+                text = Text(NoticeCode.GATEWAY_CLOCK_AHEAD, machine=name, ahead_s=ahead_s)
+                self._clocks.report(name, text)
+            else:
+                self._clocks.clear(name, NoticeCode.GATEWAY_CLOCK_RIGHT, machine=name)
 
 
 @dataclass(slots=True)
@@ -273,6 +310,14 @@ class _Batch:
         types = (pa.timestamp("us", tz="UTC"), pa.string(), pa.string(), pa.int64(), pa.int64())
         arrays = [pa.array(values, type_) for values, type_ in zip(columns, types, strict=True)]
         return {**self.rows, _GAPS: pa.table(arrays, ["time", "table", "epoch", "after", "upto"])}
+
+
+def _latest(table: pa.Table) -> datetime | None:
+    """The latest time in a table."""
+    if not table.num_rows:
+        return None
+    found = compute.max(table[time_column(table)]).as_py()
+    return found if isinstance(found, datetime) else None
 
 
 def _some(names: Sequence[str]) -> str:

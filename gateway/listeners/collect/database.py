@@ -12,7 +12,8 @@ from typing import Any, Self
 
 import msgspec
 import psycopg
-from psycopg.conninfo import conninfo_to_dict
+from psycopg import pq
+from psycopg.conninfo import conninfo_to_dict, make_conninfo
 
 from drivers.bus_settings import is_loopback
 from drivers.error_words import in_words
@@ -87,8 +88,8 @@ class SiteDatabase:
     password_file: contains only the user's password; read at each connection
     lock_wait_s: how long a connection waits for the lock of another collector
 
-    Raises ValueError as `database_parameters`; CollectError on entry when the database cannot be reached or used, or
-    when another collector uses it.
+    Raises ValueError as `database_parameters`; CollectError on entry when the database cannot be used, or when another
+    collector uses it. One that cannot be reached is waited for by `ready`.
     """
 
     def __init__(self, url: str, password_file: Path | None = None, *, lock_wait_s: float = _LOCK_WAIT_S) -> None:
@@ -98,7 +99,8 @@ class SiteDatabase:
         self._relations, self._one = SiteRelations(), threading.Lock()
 
     def __enter__(self) -> Self:
-        self.ready()
+        if not _is_away(self._parameters):
+            self.ready()
         return self
 
     def __exit__(
@@ -127,6 +129,18 @@ class SiteDatabase:
         if found is None:
             return CollectProgress()
         return CollectProgress(found[0], places_of(name, found[1]))
+
+    def collected_as(self, table: str, epoch: str) -> tuple[str, CollectProgress] | None:
+        """The machine of which this epoch of a table is collected, and how far. Raises CollectError."""
+        with self._transaction() as connection:
+            found = connection.execute("SELECT machine, batch, places::text FROM talc.progress ORDER BY machine")
+            rows = found.fetchall()
+        for name, batch, text in rows:
+            with suppress(ValueError):  # a damaged one holds up its own machine, which says so
+                progress = CollectProgress(batch, places_of(name, text))
+                if progress.last(table, epoch) is not None:
+                    return name, progress
+        return None
 
     def add(self, machine: str, commit: Commit) -> CollectProgress:
         """Make a batch count; when this returns, its rows and the progress are committed.
@@ -179,6 +193,13 @@ def connect_to(parameters: Mapping[str, Any], password_file: Path | None) -> Dat
     if password_file is not None:
         parameters = {**parameters, "password": _password(password_file)}
     return psycopg.connect(**parameters)
+
+
+def _is_away(parameters: Mapping[str, Any]) -> bool:
+    """Whether the server does not answer, or is just starting or stopping. Whom it lets in, and how, does not count."""
+    unencrypted = {name: value for name, value in parameters.items() if name != "sslnegotiation"}
+    found = pq.PGconn.ping(make_conninfo(**{**unencrypted, "sslmode": "disable"}).encode())
+    return found in (pq.Ping.REJECT, pq.Ping.NO_RESPONSE)
 
 
 def what_is_wrong(error: psycopg.Error) -> str:

@@ -11,7 +11,7 @@ import logging
 import os
 import re
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -95,6 +95,15 @@ class SiteFolder:
             for left in self._incoming(machine).glob("*"):  # of a batch that does not count
                 left.unlink()
             return found
+
+    def collected_as(self, table: str, epoch: str) -> tuple[str, CollectProgress] | None:
+        """The machine of which this epoch of a table is collected, and how far. Raises OSError."""
+        for path in sorted((self._path / _PROGRESS).glob("*.json")):
+            with suppress(ValueError):  # a damaged one holds up its own machine, which says so
+                found = load_progress(path)
+                if found.last(table, epoch) is not None:
+                    return path.stem, found
+        return None
 
     def add(self, machine: str, commit: Commit) -> CollectProgress:
         """Make a batch count; when this returns its rows and the progress are on the disk.

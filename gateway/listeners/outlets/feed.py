@@ -10,7 +10,7 @@ from time import monotonic
 from gateway.listeners.outlets.outlet import Outlet, OutletError, OutletMessage, OutletSettings, Unacceptable
 from gateway.model.codes import NoticeCode
 from gateway.model.notice import Notice
-from gateway.model.text import Text
+from gateway.model.text import Text, text_of
 from gateway.runtime.breaker import Breaker
 from gateway.runtime.problems import Problems, TurnTime
 from gateway.telemetry import keys
@@ -149,7 +149,7 @@ class Feed:
         except Unacceptable as error:
             self._refused(len(batch), error)
         except OutletError as error:
-            return self._gone(batch, str(error), now_s)
+            return self._gone(batch, text_of(error), now_s)
         except (Exception, SystemExit) as error:  # noqa: BLE001 - an outlet's fault must not end its feed; it is reported
             return self._gone(batch, f"unexpected {type(error).__name__}: {error}", now_s, bug=error)
         self._back(now_s)
@@ -169,7 +169,7 @@ class Feed:
         self._problems.clear(self._acceptance, NoticeCode.OUTLET_ACCEPTS, outlet=self.name, lost=lost)
 
     def _refused(self, messages: int, error: Unacceptable) -> None:
-        text = Text(NoticeCode.OUTLET_NOT_ACCEPTED, outlet=self.name, n=messages, error=str(error))
+        text = Text(NoticeCode.OUTLET_NOT_ACCEPTED, outlet=self.name, n=messages, error=text_of(error))
         self._problems.report(self._acceptance, text, str(error))
         self._refused_s = self._time.now_s
         self.unacceptable += messages

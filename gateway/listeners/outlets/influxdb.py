@@ -18,6 +18,8 @@ from drivers.section import FilePath, NotEmpty, NotNegative, user_and_password
 from drivers.server_url import UrlServer
 from gateway.listeners.outlets.line_protocol import WRITTEN, lines
 from gateway.listeners.outlets.outlet import OutletError, OutletMessage, OutletSettings, Unacceptable
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 
 _MOST_SHOWN = 300
 _MOST_BYTES = 65_536
@@ -54,11 +56,11 @@ class InfluxDbSettings(OutletSettings, UrlServer):
     @model_validator(mode="after")
     def _sensible(self) -> Self:
         if (self.bucket is None) == (self.database is None):
-            raise ValueError("expected either bucket (InfluxDB 2) or database (InfluxDB 1)")
+            raise ValueError(Text(NoticeCode.INFLUXDB_WHICH))
         if self.database is not None and (self.org or self.token_file):
-            raise ValueError("org and token_file are for a bucket of InfluxDB 2")
+            raise ValueError(Text(NoticeCode.INFLUXDB_OF_TWO))
         if self.bucket is not None and (self.user or self.password_file):
-            raise ValueError("user and password_file are for a database of InfluxDB 1; a bucket needs token_file")
+            raise ValueError(Text(NoticeCode.INFLUXDB_OF_ONE))
         user_and_password(self.user, self.password_file)
         return self
 

@@ -10,12 +10,14 @@ from drivers.mqtt.settings import MqttServer
 from drivers.section import matching
 from gateway.listeners.outlets.home_assistant import discoveries
 from gateway.listeners.outlets.outlet import OutletError, OutletMessage, OutletSettings
+from gateway.model.codes import NoticeCode
+from gateway.model.text import text_of
 from gateway.telemetry import keys
 
 if TYPE_CHECKING:
     from drivers.mqtt.connection import MqttConnection
 
-_LEVELS = matching(r"[^+#/\x00]+(/[^+#/\x00]+)*", "levels separated by /, without + and #")
+_LEVELS = matching(r"[^+#/\x00]+(/[^+#/\x00]+)*", NoticeCode.MQTT_LEVELS)
 Topic = Annotated[str, Field(max_length=1000), _LEVELS]
 """The first levels of topics."""
 
@@ -75,7 +77,7 @@ class MqttOutlet:
                 some = known[begin : begin + self._settings.batch]
                 self._publish([(topic, payload, True) for topic, payload in some])
         except DriverError as error:
-            raise OutletError(str(error)) from error
+            raise OutletError(text_of(error)) from error
 
     def send(self, batch: Sequence[OutletMessage]) -> None:
         """Publish these; the broker has acknowledged each. Raises OutletError."""
@@ -83,7 +85,7 @@ class MqttOutlet:
         try:
             self._publish(wanted)
         except DriverError as error:
-            raise OutletError(str(error)) from error
+            raise OutletError(text_of(error)) from error
         for topic, payload, retained in wanted:
             if retained:
                 self._retained[topic] = payload

@@ -15,6 +15,8 @@ from gateway.listeners.outlets.feed import Feed
 from gateway.listeners.outlets.influxdb import InfluxDbSettings
 from gateway.listeners.outlets.mqtt import MqttOutletSettings
 from gateway.listeners.outlets.outlet import Outlet, OutletSettings
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 from gateway.telemetry.codec import MESSAGE_TYPES
 
 AnyOutlet = Annotated[MqttOutletSettings | InfluxDbSettings, Field(discriminator="kind")]
@@ -105,16 +107,16 @@ def _problems(file: OutletFile) -> Iterator[Problem]:
     if tls.authority is None:
         for place in (endpoint(text) for text in file.source.connect):
             if place.encrypted:
-                yield Problem("[source] connect", f"'{place.text}' needs [source.tls] authority")
+                yield Problem("[source] connect", Text(NoticeCode.SOURCE_NO_AUTHORITY, place=place.text))
     seen: set[str] = set()
     for outlet in file.outlets:
         where = f"outlet '{outlet.name}'"
         if outlet.name in seen:
-            yield Problem(f"{where}, name", "another outlet has this name already")
+            yield Problem(f"{where}, name", Text(NoticeCode.OUTLET_REPEATED))
         seen.add(outlet.name)
         if impossible := sorted(set(outlet.kinds or ()) - outlet.possible):
-            can = ", ".join(kind for kind in MESSAGE_TYPES if kind in outlet.possible)
-            yield Problem(f"{where}, kinds", f"{', '.join(impossible)}: expected some of {can}")
+            can = tuple(kind for kind in MESSAGE_TYPES if kind in outlet.possible)
+            yield Problem(f"{where}, kinds", Text(NoticeCode.OUTLET_KINDS, kinds=impossible, possible=can))
 
 
 def load_outlets(path: Path) -> OutletFile:

@@ -3,12 +3,14 @@
 import logging
 import re
 from collections.abc import Callable, Collection
+from time import monotonic
 from typing import Self
 
 from gateway.config.telemetry import Telemetry
 from gateway.listeners.outlets.outlet import OutletMessage
 from gateway.telemetry.codec import decode
 from gateway.telemetry.subscriber.hearing import Hearing
+from gateway.telemetry.subscriber.runs import HeardRuns
 from gateway.telemetry.subscriber.unreadable import UnreadableMessages
 
 log = logging.getLogger(__name__)
@@ -26,8 +28,6 @@ class GatewaySource:
     telemetry: where to connect and how, and the prefix of the keys
     machines: those that are passed on; empty: all
     take: receives what was heard, from Zenoh's threads; must return at once
-
-    Raises TelemetryError or OSError on entry.
     """
 
     def __init__(self, telemetry: Telemetry, machines: Collection[str], take: Callable[[OutletMessage], None]) -> None:
@@ -35,6 +35,7 @@ class GatewaySource:
         self._hearing = Hearing(telemetry, self._heard, self._life)
         self._passed: dict[str, tuple[str, int]] = {}
         """Boot and number of the latest message, by key."""
+        self._runs = HeardRuns(log)
         self._unreadable = UnreadableMessages(log, "not passed on")
 
     def __enter__(self) -> Self:
@@ -66,6 +67,8 @@ class GatewaySource:
         if message is None:
             return
         self._unreadable.valid(machine, suffix)
+        if not self._runs.follows(machine, message.boot, monotonic()):
+            return  # of another gateway of this name
         boot, number = self._passed.get(key, ("", -1))
         if message.boot == boot and message.seq <= number:
             return  # the answer to a query, and older than what was heard

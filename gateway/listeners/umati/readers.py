@@ -11,6 +11,8 @@ from asyncua.crypto.permission_rules import User, UserRole
 from asyncua.server.internal_server import InternalServer
 from asyncua.server.user_managers import UserManager
 
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 from gateway.runtime.passwords import GuessingBrake, matches
 
 log = logging.getLogger(__name__)
@@ -61,5 +63,5 @@ class Readers(UserManager):
         if right:
             self._right[name] = digest
         elif pause_s:
-            log.warning("%s: a wrong password again; the next one is checked in %.0f s", name, pause_s)
+            log.warning("%s", Text(NoticeCode.PASSWORD_WRONG_AGAIN, user=name, pause_s=pause_s))
         return right

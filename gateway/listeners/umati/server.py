@@ -2,7 +2,8 @@
 
 import asyncio
 import logging
-from collections.abc import Mapping
+import socket
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -11,6 +12,7 @@ from typing import Self
 
 from asyncua import ua
 from asyncua.common.connection import TransportLimits
+from asyncua.server.binary_server_asyncio import BinaryServer, OPCUAProtocol
 from asyncua.server.server import Server
 from asyncua.ua.uaerrors import UaError
 
@@ -25,6 +27,7 @@ from gateway.listeners.umati.values import NodeShown, Path, shown_now
 from gateway.model.codes import NoticeCode
 from gateway.model.text import Text
 from gateway.runtime.clocks import RealClock
+from gateway.runtime.listening import ACCEPTED_AT_ONCE, MOST_STRANGERS, GuardedSocket, Peer
 from gateway.runtime.periodic import Periodic
 from gateway.runtime.problems import Problems
 from gateway.telemetry.subscriber.site import SiteSeen
@@ -32,12 +35,18 @@ from gateway.telemetry.subscriber.site import SiteSeen
 log = logging.getLogger(__name__)
 
 _EVERY_S = 1.0
-_MOST_CONNECTIONS = 50
+_MOST_KNOWN = 50
+"""Connections with a session that was let in."""
 _MOST_SUBSCRIPTIONS = 200
 _MOST_BYTES = 1 << 20
 """Limit of what a client sends: it only asks."""
 _CHUNK_BYTES = 65535
 """Limit of each part of it."""
+_PROFILES = (
+    "http://opcfoundation.org/UA-Profile/Server/EmbeddedUA2017",
+    "http://opcfoundation.org/UA-Profile/Server/DataAccess",
+)
+"""OPC UA Part 7: what a client may expect; the standard's own names."""
 _WHERE = "the OPC UA server"
 
 
@@ -67,18 +76,20 @@ class MachineToolServer:
     async def __aenter__(self) -> Self:
         serving = self._serving
         inner = LightServer(Readers(serving.users))
-        server = Server(inner)
+        server = _GuardedServer(inner)
         inner.allow_remote_admin = False
-        inner.max_connections, inner.max_subscriptions = _MOST_CONNECTIONS, _MOST_SUBSCRIPTIONS
+        inner.max_connections, inner.max_subscriptions = _MOST_KNOWN + 2 * MOST_STRANGERS, _MOST_SUBSCRIPTIONS
         server.limits = TransportLimits(_CHUNK_BYTES, _CHUNK_BYTES, _MOST_BYTES // _CHUNK_BYTES + 1, _MOST_BYTES)
         await server.init()
         name = "talc-gateway"
         await server.set_build_info(f"urn:{name}", name, name, version(name), "0", datetime.now(UTC))
         server.name = name
-        await _secure(server, serving.security)
+        first = next(iter(self._machines), "server")
+        await _secure(server, serving.security, f"urn:{socket.gethostname()}:{name}:{first}")
         indexes = {space: await server.register_namespace(uri) for space, uri in URIS.items()}
         self._space = AddressSpace(inner, indexes)
         await self._space.add_types()
+        await self._space.describe(_PROFILES)
         for machine, shown in self._machines.items():
             await self._space.add_machine(machine_nodes(machine, shown))
         await self.show()
@@ -130,12 +141,54 @@ class MachineToolServer:
             self._problems.clear("values", NoticeCode.VALUES_SHOWN)
 
 
-async def _secure(server: Server, security: ServerSecurity | None) -> None:
-    """Raises SetupError."""
+class _GuardedServer(Server):
+    """The library's, on a socket that strangers cannot fill: without a session they have it for a short time."""
+
+    async def start(self) -> None:
+        """Raises OSError."""
+        await self._setup_server_nodes()
+        await self.iserver.start()
+        try:
+            self.bserver = _GuardedBinaryServer(
+                self.iserver, self.endpoint.hostname or "", self.endpoint.port or 0, self.limits
+            )
+            self.bserver.set_policies(self._policies)
+            await self.bserver.start()
+        except OSError:
+            await self.iserver.stop()
+            raise
+
+
+class _GuardedBinaryServer(BinaryServer):
+    async def start(self) -> None:
+        """Raises OSError."""
+        listening = _SessionSocket(self.hostname, self.port, known=_MOST_KNOWN)
+        listening.clients = self.clients
+        self.hostname, self.port = listening.getsockname()[:2]
+        loop = asyncio.get_running_loop()
+        self._server = await loop.create_server(self._make_protocol, sock=listening, backlog=ACCEPTED_AT_ONCE)
+
+
+class _SessionSocket(GuardedSocket):
+    clients: Sequence[OPCUAProtocol] = ()
+
+    def knows(self, peer: Peer) -> bool:
+        """Whether it has a session that was let in."""
+        return super().knows(peer) or any(
+            client.peer_name[:2] == peer
+            and client.processor is not None
+            and client.processor.session is not None
+            and client.processor.session.is_activated()
+            for client in self.clients
+        )
+
+
+async def _secure(server: Server, security: ServerSecurity | None, uri: str) -> None:
+    """Raises SetupError. uri: of the application, where no certificate holds one; no other server has it"""
     if security is None:
         server.set_security_policy([ua.SecurityPolicyType.NoSecurity])
         server.set_identity_tokens([ua.AnonymousIdentityToken])
-        await server.set_application_uri("urn:talc-gateway:server")
+        await server.set_application_uri(uri)
         return
     certificate = valid_certificate(security.certificate, "certificate", _WHERE)
     check_key(certificate, security.private_key, _WHERE)

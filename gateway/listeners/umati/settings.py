@@ -11,6 +11,8 @@ from drivers.bus_settings import is_loopback
 from drivers.section import FilePath, NotEmpty, Section
 from gateway.config.fields import Name
 from gateway.config.reading import read_as
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 from gateway.runtime.passwords import UserName, hash_printed_by
 
 
@@ -49,7 +51,7 @@ class OpcUaServing(Section):
     @model_validator(mode="after")
     def _together(self) -> "OpcUaServing":
         if (self.security is None) != (not self.users):
-            raise ValueError("[security] and [users] go together: give both or neither")
+            raise ValueError(Text("both_or_neither", first="[security]", second="[users]"))
         return self
 
 
@@ -61,7 +63,4 @@ def load_serving(path: Path | None) -> OpcUaServing:
 def check_serving(host: str, serving: OpcUaServing) -> None:
     """Raises SetupError for an address beyond this computer without certificate and users."""
     if not is_loopback(host) and serving.security is None:
-        raise SetupError(
-            f"--listen {host}: others could reach this address, so the file of --settings must have [security] "
-            "certificate and private_key, and a name with a password hash under [users]; or listen on 127.0.0.1"
-        )
+        raise SetupError(Text(NoticeCode.UMATI_OPEN, host=host))

@@ -1,6 +1,6 @@
 """The nodes of the model in an asyncua server, and their values."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Final, cast
 
@@ -16,12 +16,13 @@ from gateway.listeners.umati.model import (
     OPERATION_MODE,
     OPERATION_MODES,
     PROPERTY,
+    URIS,
     Id,
     NodeSpec,
     Space,
     quantity,
 )
-from gateway.listeners.umati.values import CHANNELS, UNKNOWN, NodeShown, Path
+from gateway.listeners.umati.values import CHANNELS, GOOD, UNKNOWN, NodeShown, Path
 
 _UNITS: Final[Mapping[str, tuple[int, str]]] = {
     "µm": (13384, "micrometre (micron)"),
@@ -59,6 +60,9 @@ _DATA_TYPES: Final[Mapping[str, int]] = {"DateTime": 294}
 """Where it is not the number of the built-in type: UtcTime."""
 _MOST_VARIABLES = 1000
 """Most variables of a machine, which anybody who may publish can make this process keep."""
+_PROFILES: Final = 2269
+_NAMESPACES: Final = 11715
+"""ServerProfileArray of the server's capabilities, and the folder of its namespaces."""
 _READ = ua.AccessLevel.CurrentRead.mask
 
 
@@ -87,6 +91,25 @@ class AddressSpace:
         await self._property(self._id(mode), "EnumValues", ua.Variant(values), 7594)
         machines: Id = ("machinery", MACHINES_NODE)
         await self._add(machines, "machinery", "Machines", ("base", 85), 35, ua.ObjectAttributes(), ("base", 61))
+
+    async def describe(self, profiles: Sequence[str]) -> None:
+        """What the server conforms to, and its namespaces (OPC UA Part 5, 6.3.13 and 6.3.14)."""
+        await self._set(_base(_PROFILES), NodeShown(None, GOOD, datetime.now(UTC)), ua.Variant(list(profiles)))
+        for space, uri in URIS.items():
+            node = self._own(f"Namespaces/{uri}")
+            metadata: Id = ("base", 11616)
+            await self._add(node, space, uri, _base(_NAMESPACES), 47, ua.ObjectAttributes(), metadata)
+            numeric = space != "own"
+            for name, value, data_type in (
+                ("NamespaceUri", ua.Variant(uri), 12),
+                ("NamespaceVersion", ua.Variant(None, ua.VariantType.String), 12),
+                ("NamespacePublicationDate", ua.Variant(None, ua.VariantType.DateTime), 13),
+                ("IsNamespaceSubset", ua.Variant(numeric), 1),  # of a published one only what machines need is there
+                ("StaticNodeIdTypes", ua.Variant([int(not numeric)], ua.VariantType.Int32), 256),
+                ("StaticNumericNodeIdRange", ua.Variant([], ua.VariantType.String, is_array=True), 291),
+                ("StaticStringNodeIdPattern", ua.Variant("" if numeric else ".*"), 12),
+            ):
+                await self._property(node, name, value, data_type)
 
     async def add_machine(self, spec: NodeSpec) -> None:
         """All nodes of one machine, without a value yet."""

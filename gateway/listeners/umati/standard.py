@@ -13,6 +13,8 @@ from asyncua import ua
 from asyncua.server.address_space import AddressSpace, NodeData, NodeManagementService
 from asyncua.server.internal_server import InternalServer
 
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text, text_of
 from gateway.runtime.workers.process import WorkError, in_process
 
 log = logging.getLogger(__name__)
@@ -146,7 +148,7 @@ class LightServer(InternalServer):
         try:
             packs = await in_process(pack_standard)
         except WorkError as error:
-            log.warning("the nodes of the standard take 52 MB more, as they could not be packed: %s", error)
+            log.warning("%s", Text(NoticeCode.NODES_NOT_PACKED, why=text_of(error)))
             await super().load_standard_address_space(shelf_file)
         else:
             serve_packed(self.aspace, packs)

@@ -59,11 +59,11 @@ Path = tuple[str, str]
 def shown_now(seen: MachineSeen, now_s: float) -> dict[Path, NodeShown]:
     """By group and name, at this monotonic time.
 
-    Of a gateway that is gone every value is bad. Of one that is alive but has not been heard for a minute every value
-    is uncertain.
+    Of a gateway that is gone every value is bad, and of two of one name. Of one that is alive but has not been heard
+    for a minute every value is uncertain.
     """
     found = dict(_all(seen, now_s))
-    if not seen.alive:
+    if not seen.alive or seen.two:
         return dict.fromkeys(found, NodeShown(None, NOT_HEARD, None))
     if now_s - seen.latest_s > _SILENT_S:
         return {path: _aged(shown) for path, shown in found.items()}

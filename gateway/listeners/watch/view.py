@@ -4,7 +4,7 @@ import threading
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from datetime import datetime
+from datetime import UTC, datetime
 from types import TracebackType
 from typing import Self, assert_never
 
@@ -139,6 +139,11 @@ class ViewState:
                 pass
             case _:
                 assert_never(message)
+
+    def warn(self, text: str) -> None:
+        """What this program has found itself, among the events."""
+        self.events.append((self.time or datetime.now(UTC), EventKind.PROBLEM, text))
+        self.events_seen += 1
 
     def _measured(self, message: MeasurementMessage) -> None:
         self.measurements += 1

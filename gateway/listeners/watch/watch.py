@@ -4,6 +4,7 @@ import logging
 import signal
 import threading
 from collections.abc import Sequence
+from time import monotonic
 from typing import Any
 
 import click
@@ -12,12 +13,14 @@ import zenoh
 
 from gateway.config.model import GatewayConfig
 from gateway.listeners.watch.view import LiveView, ViewState
-from gateway.model.text import Language
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Language, Text
 from gateway.runtime.terminal import printable
 from gateway.telemetry import keys
 from gateway.telemetry.client import ANSWER_LIMIT_S, Machine, MachineError
 from gateway.telemetry.codec import decode
 from gateway.telemetry.session import Access, own_access
+from gateway.telemetry.subscriber.runs import HeardRuns
 
 log = logging.getLogger(__name__)
 
@@ -72,6 +75,7 @@ class _Followed:
     def __init__(self, machine: str, root: str) -> None:
         self.state, self.ended = ViewState(machine), threading.Event()
         self._root, self._lock = root, threading.Lock()
+        self._runs, self._told = HeardRuns(log), False
 
     def take(self, sample: zenoh.Sample) -> None:
         """Show a message; an invalid one is only logged."""
@@ -82,6 +86,15 @@ class _Followed:
             log.warning("%s", error)
             return
         if message is not None:
+            now_s = monotonic()
+            follows = self._runs.follows(self.state.machine, message.boot, now_s)
+            if self._runs.two(self.state.machine, now_s) and not self._told:
+                self._told = True
+                other = Text(NoticeCode.TWO_OF_ONE_NAME, machine=self.state.machine, other=message.boot)
+                with self._lock:
+                    self.state.warn(other)
+            if not follows:
+                return
             shown = msgspec.convert(_printable(msgspec.to_builtins(message)), type(message))
             with self._lock:
                 self.state.apply(shown)

@@ -3,11 +3,15 @@
 import asyncio
 import hashlib
 import hmac
+import logging
 import os
 import ssl
 from base64 import b64decode
 from binascii import Error as NotBase64
 from collections import OrderedDict
+from collections.abc import Callable
+from math import ceil
+from time import monotonic
 from typing import Final
 
 from starlette.datastructures import Headers, MutableHeaders
@@ -17,7 +21,10 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from drivers.base import SetupError
 from drivers.bus_settings import is_loopback
 from gateway.listeners.web.settings import Tls, WebSettings
-from gateway.runtime.passwords import matches
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
+from gateway.runtime.listening import Peer
+from gateway.runtime.passwords import GuessingBrake, matches
 
 HEADERS: Final = {
     "content-security-policy": (
@@ -34,8 +41,10 @@ HEADERS: Final = {
 run."""
 _LOOPBACK_NAMES = frozenset({"localhost", "127.0.0.1", "::1"})
 _MOST_REMEMBERED = 100
-_CHECKS_AT_ONCE = 2
-"""Each takes 16 MB."""
+_CHECKS_AT_ONCE = 1
+"""Each takes 16 MB; of two at once the brake would not know the other."""
+
+log = logging.getLogger(__name__)
 
 
 def check_listening(host: str, settings: WebSettings) -> None:
@@ -44,14 +53,11 @@ def check_listening(host: str, settings: WebSettings) -> None:
         return
     missing = []
     if settings.tls is None:
-        missing.append("[tls] certificate and key")
+        missing.append(Text(NoticeCode.PAGE_TLS))
     if not settings.users and settings.proxy is None:
-        missing.append("a name with a password hash under [users], or [proxy]")
+        missing.append(Text(NoticeCode.PAGE_USERS))
     if missing:
-        raise SetupError(
-            f"--listen {host}: others could reach this address, so the file of --settings must have "
-            f"{' and '.join(missing)}; or listen on 127.0.0.1"
-        )
+        raise SetupError(Text(NoticeCode.PAGE_OPEN, host=host, missing=missing))
 
 
 def check_certificate(tls: Tls) -> None:
@@ -62,8 +68,12 @@ def check_certificate(tls: Tls) -> None:
         )  # never asks
     except OSError as error:  # SSLError is one
         raise SetupError(
-            f"[tls] certificate {tls.certificate}, key {tls.key}: {error.strerror or error}; expected PEM files "
-            "that belong together, the key without a password"
+            Text(
+                NoticeCode.PAGE_CERTIFICATE,
+                certificate=str(tls.certificate),
+                key=str(tls.key),
+                why=error.strerror or str(error),
+            )
         ) from None
 
 
@@ -77,14 +87,16 @@ class Guard:
     ----------
     app: what is guarded; it finds the name of a known user in the request's state
     settings: users, proxy, hosts
+    known: told the peer of each request that is let in
     """
 
-    def __init__(self, app: ASGIApp, settings: WebSettings) -> None:
-        self._app, self._settings = app, settings
+    def __init__(self, app: ASGIApp, settings: WebSettings, known: Callable[[Peer], None] = lambda _: None) -> None:
+        self._app, self._settings, self._tell_known = app, settings, known
         self._hosts = _LOOPBACK_NAMES | {host.lower() for host in settings.hosts}
         self._secret = os.urandom(32)
         self._known: OrderedDict[bytes, None] = OrderedDict()
         """Digests of what was found right: a stream and its files are not hashed for seconds again and again."""
+        self._brake = GuessingBrake()
         self._checks = asyncio.Semaphore(_CHECKS_AT_ONCE)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -101,6 +113,8 @@ class Guard:
             await send(message)
 
         refused = await self._refusal(scope)
+        if refused is None and (client := scope.get("client")) is not None:
+            self._tell_known((client[0], client[1]))
         await (refused or self._app)(scope, receive, with_headers)
 
     async def _refusal(self, scope: Scope) -> PlainTextResponse | None:
@@ -117,9 +131,15 @@ class Guard:
             if len(named) == 1 and named[0].strip():
                 scope.setdefault("state", {})["user"] = named[0].strip()
                 return None
-        if settings.users and (user := await self._known_user(headers.get("authorization", ""))) is not None:
-            scope.setdefault("state", {})["user"] = user
-            return None
+        if settings.users:
+            found = await self._known_user(headers.get("authorization", ""), "" if client is None else client[0])
+            if isinstance(found, str):
+                scope.setdefault("state", {})["user"] = found
+                return None
+            if found > 0.0:
+                wait_s = ceil(found)
+                text = f"There were too many wrong passwords. The next one is looked at in {wait_s} s."
+                return PlainTextResponse(text, 429, {"retry-after": str(wait_s)})
         if not settings.users:
             return PlainTextResponse("The proxy has named no user.", 403)
         return PlainTextResponse(
@@ -132,27 +152,34 @@ class Guard:
         commands = bool(self._settings.operators) and scope["path"].startswith("/command/")
         return scope["method"] in (("POST",) if commands else ("GET", "HEAD"))
 
-    async def _known_user(self, authorization: str) -> str | None:
+    async def _known_user(self, authorization: str, address: str) -> str | float:
+        """The name of the user, or for how long no password is looked at."""
         scheme, _, given = authorization.partition(" ")
         if scheme.lower() != "basic":
-            return None
+            return 0.0
         try:
             user, colon, password = b64decode(given.strip(), validate=True).decode().partition(":")
         except (NotBase64, UnicodeDecodeError, ValueError):
-            return None
-        wanted = self._settings.users.get(user)
-        if wanted is None or not colon:
-            return None
+            return 0.0
+        if not colon:
+            return 0.0
         digest = hmac.digest(self._secret, f"{user}:{password}".encode(), hashlib.sha256)
         if digest in self._known:
             return user
         async with self._checks:
-            right = await asyncio.to_thread(matches, password, wanted)
+            if (wait_s := self._brake.wait_s(user, monotonic(), address)) > 0.0:
+                return wait_s
+            wanted = self._settings.users.get(user)
+            right = wanted is not None and await asyncio.to_thread(matches, password, wanted)
+            pause_s = self._brake.tried(user, monotonic(), right=right, address=address, checked=wanted is not None)
         if right:
             self._known[digest] = None
             if len(self._known) > _MOST_REMEMBERED:
                 self._known.popitem(last=False)
-        return user if right else None
+            return user
+        if pause_s:
+            log.warning("%s", Text(NoticeCode.PASSWORD_WRONG_AGAIN, user=repr(user)[:64], pause_s=pause_s))
+        return 0.0
 
 
 def _host_name(host: str) -> str:

@@ -8,11 +8,14 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import datetime, timedelta
+from statistics import median
 
+import msgspec
 import numpy as np
 
 from gateway.listeners.web.at_tool import ToolError, half_width, left_with, moved
-from gateway.listeners.web.sentences import Amount, Atom, Sentence, ToldName, Word, at, um
+from gateway.listeners.web.sentences import Amount, Atom, Sentence, ToldName, Word, at, lasting, um
+from gateway.telemetry.answers import ScenarioPage
 from gateway.telemetry.messages import ForecastMessage, PublishedCourse
 from gateway.telemetry.subscriber.instants import instant
 from gateway.telemetry.subscriber.machine import MachineSeen, applied, believable
@@ -33,8 +36,9 @@ class AheadError:
     at: tuple[datetime, ...]
     seconds: tuple[float, ...]
     without: FloatArray
+    left: FloatArray
     half: FloatArray
-    """Half of the 95 % interval of `without`, with what forecasts have been off."""
+    """Half of the 95 % interval of both, with what forecasts have been off."""
     far: FloatArray
     """The far end of what is left."""
     low: FloatArray
@@ -75,6 +79,29 @@ def planned_ahead(seen: MachineSeen, matrix: FloatArray) -> dict[str, AheadError
     }
 
 
+def ahead_along(
+    seen: MachineSeen, page: ScenarioPage, courses: dict[str, PublishedCourse], matrix: FloatArray
+) -> AheadError:
+    """The same along courses of a scenario. A forecast for a time claims no more than those for the next longer time
+    that have been checked. Raises ValueError without a forecast, or for columns of different lengths."""
+    message, made = seen.forecast, instant(page.time)
+    if message is None or made is None or not _whole(message):
+        raise ValueError("there is no forecast for now")
+    later = [next((i for i, s in enumerate(message.ahead_s) if s >= t), None) for t in page.ahead_s]
+
+    def of(column: list[float | None]) -> list[float | None]:
+        return [None if i is None else column[i] for i in later]
+
+    missed = {error: PublishedCourse(of(each.value), of(each.sigma)) for error, each in message.missed.items()}
+    measured = {error: each.sigma for error, each in courses.items()}
+    asked = msgspec.structs.replace(
+        message, ahead_s=page.ahead_s, stays=courses, usual=courses, measured=measured, missed=missed, planned={}
+    )
+    if not _whole(asked):
+        raise ValueError("the scenario has columns of different lengths")
+    return _ahead(seen, asked, courses, made, matrix)
+
+
 def _ahead(
     seen: MachineSeen, message: ForecastMessage, courses: dict[str, PublishedCourse], made: datetime, matrix: FloatArray
 ) -> AheadError:
@@ -98,6 +125,7 @@ def _ahead(
         at=tuple(made + timedelta(seconds=s) for s in message.ahead_s),
         seconds=message.ahead_s,
         without=without,
+        left=left,
         half=half_width(matrix, np.hypot(sigma, missed)),
         far=far,
         low=low,
@@ -204,8 +232,7 @@ def _worst(values: FloatArray) -> Amount:
 class Option:
     """One thing that may be done."""
 
-    what: str
-    """Key of the catalogue."""
+    what: Word
     far_um: float
     """The far end of what is then left, in the worst axis; NaN: unknown."""
     off_um: float
@@ -219,6 +246,12 @@ class Option:
         return self.gain_um > self.off_um  # NaN compares false
 
 
+def cycle_takes(seen: MachineSeen, key: str = "lasts.brackets") -> Atom:
+    """How long the last measurements took, as a sentence of the catalogue; empty: unknown."""
+    found = [m.lasted_s for m in seen.measurements if m.lasted_s is not None]
+    return Sentence(key, {"lasts": lasting(median(found))}) if found else ToldName("")
+
+
 def options(now: ToolError, coming: AheadError) -> tuple[Option, ...]:
     """Wait, measure, warm up."""
     seconds = np.array(coming.seconds)
@@ -226,9 +259,9 @@ def options(now: ToolError, coming: AheadError) -> tuple[Option, ...]:
     off, here = np.max(coming.high - coming.far, axis=1), float(np.max(now.far))
     probed = now.far - (coming.far[soon] - coming.measured_far[soon])
     found = (
-        ("help.wait", float(np.max(coming.far[soon])), float(off[soon])),
-        ("help.probe", float(np.max(probed)), 0.0),
-        ("help.warm", float(np.max(coming.usual_far[later])), float(off[later])),
+        (Word("help.wait"), float(np.max(coming.far[soon])), float(off[soon])),
+        (Word("help.probe"), float(np.max(probed)), 0.0),
+        (Word("help.warm"), float(np.max(coming.usual_far[later])), float(off[later])),
     )
     return tuple(Option(what, far, wrong, here - far) for what, far, wrong in found)
 
@@ -241,7 +274,7 @@ def advice(now: ToolError | None, coming: AheadError | None, tolerance_um: float
     if not ready:
         best = max(choices, key=lambda each: each.gain_um if each.counts else -math.inf)
         if best.counts:
-            yield Sentence("help.best", {"what": Word(best.what), "gain": um(best.gain_um)})
+            yield Sentence("help.best", {"what": best.what, "gain": um(best.gain_um)})
         for each in choices:
             yield _said(each, tolerance_um)
         if not best.counts and all(math.isfinite(each.off_um) for each in choices):
@@ -251,7 +284,7 @@ def advice(now: ToolError | None, coming: AheadError | None, tolerance_um: float
 
 
 def _said(option: Option, tolerance_um: float) -> Sentence:
-    what = Word(option.what)
+    what = option.what
     if not (math.isfinite(option.far_um) and math.isfinite(option.off_um)):
         return Sentence("help.unforeseeable", {"what": what})
     values: dict[str, Atom] = {

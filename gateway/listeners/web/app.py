@@ -18,7 +18,6 @@ from starlette.routing import Route
 
 from drivers.base import SetupError
 from gateway.config.certificates import certificate_end
-from gateway.listeners.web import room
 from gateway.listeners.web.access import Guard
 from gateway.listeners.web.at_tool import WorkPoint
 from gateway.listeners.web.catalogue import chosen_language, page_texts
@@ -27,11 +26,14 @@ from gateway.listeners.web.day_report import DayReportPages
 from gateway.listeners.web.older import OlderPages
 from gateway.listeners.web.page_files import PageFiles
 from gateway.listeners.web.past import MOST_POINTS, shown_past, span, written
+from gateway.listeners.web.scenario import ScenarioPages
 from gateway.listeners.web.settings import MachineUse, WebSettings
 from gateway.listeners.web.streams import Browser, Streams
 from gateway.listeners.web.verdict import Viewpoint
 from gateway.listeners.web.week_pages import AskCourse, WeekPages
-from gateway.model.text import languages
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text, languages
+from gateway.runtime.listening import Peer
 from gateway.telemetry.subscriber.site import SiteSeen, SiteSubscription
 
 log = logging.getLogger(__name__)
@@ -58,12 +60,14 @@ def build_app(
     subscription: SiteSubscription | None = None,
     uses: Mapping[str, MachineUse] | None = None,
     give: GivePageCommand | None = None,
+    known: Callable[[Peer], None] = lambda _: None,
 ) -> Starlette:
     """The application.
 
     subscription: entered while it serves; None: somebody else feeds the site
     uses: of machines whose configuration is known; the settings' come before them
     give: passes commands on; None: the subscription does
+    known: told the peer of each request that is let in
 
     Raises SetupError for a key under [operators] that cannot be used.
     """
@@ -73,10 +77,14 @@ def build_app(
     ask_with_temperatures = None if subscription is None else subscription.ask_with_temperatures
     asking = asyncio.Semaphore(_ASKED_AT_ONCE)  # a browser that zooms does not stop the others
     own = PageFiles()
-    pages = _Pages(site, {**(uses or {}), **settings.machines}, ask, commands, own_end, asking, own.folder)
+    declared = {**(uses or {}), **settings.machines}
+    ask_with_inputs = None if subscription is None else subscription.ask_with_inputs
+    pages = _Pages(site, declared, ask, ask_with_inputs, commands, own_end, asking, own.folder)
     weeks = WeekPages(site, ask, ask_with_temperatures, asking)
     older = OlderPages(site, None if subscription is None else subscription.ask_reasons, asking)
     reports = DayReportPages(site, None if subscription is None else subscription.ask_report)
+    ask_scenario = None if subscription is None else subscription.ask_scenario
+    scenarios = ScenarioPages(site, ask_scenario, lambda query: _viewpoint_of(query, declared))
 
     @asynccontextmanager
     async def serving(_: Starlette) -> AsyncIterator[None]:
@@ -99,6 +107,7 @@ def build_app(
         Route("/machine/{name}/report/{day}", reports.report),
         Route("/file/{version}/{name}", own.file),
         Route("/past/{name}", pages.past),
+        Route("/scenario/{name}", scenarios.scenario),
         Route("/corrections/{name}", older.corrections),
         Route("/scatter/{name}", weeks.scatter),
         Route("/sensitivity/{name}", weeks.sensitivity),
@@ -106,7 +115,7 @@ def build_app(
         Route("/stream", pages.stream),
         Route("/stream/{name}", pages.stream),
     ]
-    return Starlette(routes=routes, middleware=[Middleware(Guard, settings=settings)], lifespan=serving)
+    return Starlette(routes=routes, middleware=[Middleware(Guard, settings=settings, known=known)], lifespan=serving)
 
 
 class _Pages:
@@ -117,12 +126,14 @@ class _Pages:
         site: SiteSeen,
         uses: Mapping[str, MachineUse],
         ask: AskCourse | None,
+        ask_with_inputs: AskCourse | None,
         commands: PageCommands,
         own_end: datetime | None,
         asking: asyncio.Semaphore,
         folder: str,
     ) -> None:
         self._site, self._uses, self._ask, self._commands = site, uses, ask, commands
+        self._ask_with_inputs = ask_with_inputs
         self._asking, self._files = asking, folder
         self.streams = Streams(site, own_end)
 
@@ -163,11 +174,12 @@ class _Pages:
             begin, end = span(request.query_params.get("from", ""), request.query_params.get("to", ""))
         except (SetupError, ValueError) as error:
             return PlainTextResponse(str(error), 400)
-        if self._ask is None:
+        ask = self._ask_with_inputs if "temperatures" in request.query_params else self._ask
+        if ask is None:
             return PlainTextResponse("not connected", 503)
         try:
             async with self._asking:
-                page = await asyncio.to_thread(self._ask, name, begin, end, MOST_POINTS)
+                page = await asyncio.to_thread(ask, name, begin, end, MOST_POINTS)
             shown = shown_past(page, viewpoint.matrix)
         except (OSError, ValueError) as error:
             return PlainTextResponse(str(error), 503)
@@ -189,7 +201,6 @@ class _Pages:
             use=self._uses.get(machine, MachineUse()),
             declared=machine in self._uses,
             token=self._commands.token(request),
-            room=room,
             files=self._files,
         )
         return HTMLResponse(html)
@@ -222,7 +233,7 @@ def _viewpoint_of(query: Mapping[str, str], known: Mapping[str, MachineUse]) -> 
     try:
         of_each = _DECODER.decode(query.get("asked") or "{}")
     except msgspec.MsgspecError as error:
-        raise SetupError(f"asked: {error}") from None
+        raise SetupError(Text(NoticeCode.ASKED_WRONG, error=str(error))) from None
     asked_of = {name: _asked(values) for name, values in of_each.items()}
     others = _asked(query)
     made: dict[str, Viewpoint] = {}
@@ -253,5 +264,5 @@ def _asked_number(query: Mapping[str, str], name: str, largest: float) -> float 
     value = written(text)
     least = 1e-3 if name == "tolerance" else -largest
     if not least <= value <= largest:
-        raise SetupError(f"{name}={text[:40]}: expected a number from {least:g} to {largest:g}")
+        raise SetupError(Text(NoticeCode.ASKED_BEYOND, name=name, value=text[:40], least=least, largest=largest))
     return value

@@ -54,7 +54,9 @@ def correction_lines(
         if reason is None or reason.estimate is None or not reason.trusted:
             continue
         unit, sigma = ERROR_UNITS[error], sigma_of.get(error)
-        rest = None if reason.other_inputs is None or reason.level is None else reason.other_inputs + reason.level
+        # Rounded parts add up to the rounded sum: what rounding leaves is in the rest.
+        movers = tuple((i, Amount(round(v, 1), unit, sign=True)) for i, v in reason.inputs.items() if v is not None)
+        rest = round(reason.estimate, 1) - sum(amount.n or 0.0 for _, amount in movers)
         shares = [(kind, share) for kind, share in reason.experts.items() if share is not None]
         yield ShownCorrection(
             t=time,
@@ -62,8 +64,8 @@ def correction_lines(
             error=error,
             estimate=Amount(reason.estimate, unit, sign=True),
             half=Amount(None if sigma is None else TWO_SIDED_95 * sigma, unit),
-            movers=tuple((i, Amount(v, unit, sign=True)) for i, v in reason.inputs.items() if v is not None),
-            rest=Amount(rest, unit, sign=True),
+            movers=movers,
+            rest=Amount(round(rest, 1), unit, sign=True),
             experts=tuple(
                 (Word(f"expert.{kind.replace(' ', '_')}"), Amount(_PERCENT * share, "%", d=0))
                 for kind, share in shares

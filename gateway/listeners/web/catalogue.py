@@ -27,6 +27,10 @@ _ELSEWHERE = (
     "demo.",
     "dry_run.",
     "dry_run_",
+    "naming.",
+    "nothing.",
+    "of_profile.",
+    "system_error.",
 )
 """Groups that the server writes out itself, or other programs."""
 

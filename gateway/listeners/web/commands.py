@@ -19,8 +19,9 @@ from drivers.base import SetupError
 from drivers.error_words import in_words
 from gateway.listeners.web.sentences import in_each
 from gateway.listeners.web.settings import WebSettings
+from gateway.model.codes import NoticeCode
 from gateway.model.commands import CommandName
-from gateway.model.text import plain, text_of
+from gateway.model.text import Text, plain, text_of
 from gateway.telemetry.answers import CommandAnswer
 from gateway.telemetry.command_signer import CommandSigner
 from gateway.telemetry.fields import text_from
@@ -28,7 +29,9 @@ from gateway.telemetry.fields import text_from
 TOKEN_HEADER: Final = "x-command-token"
 """No form and no page of others can set it."""
 _AT_ONCE = 2
-_OFFERED: Final = {name.value: name for name in (CommandName.MEASURE, CommandName.PAUSE, CommandName.RESUME)}
+_OFFERED: Final = {
+    name.value: name for name in (CommandName.MEASURE, CommandName.PAUSE, CommandName.RESUME, CommandName.REFERENCE)
+}
 """What the page has buttons for; for the others a person uses the command line or a program."""
 
 GivePageCommand = Callable[[str, CommandSigner, CommandName], CommandAnswer]
@@ -54,8 +57,10 @@ class PageCommands:
             try:
                 self._signers[user] = CommandSigner.of_file(user, path)
             except (OSError, ValueError) as error:
-                why = f"{path}: {in_words(error)}" if isinstance(error, OSError) else str(error)
-                raise SetupError(f"[operators] {user}: {why}") from error
+                why = plain(in_words(error)) if isinstance(error, OSError) else text_of(error)
+                raise SetupError(
+                    Text(NoticeCode.FILE_WRONG, path=str(path), why=why), field=("operators", user)
+                ) from error
 
     def token(self, request: Request) -> str | None:
         """What a page of this user must send with a command; None: this user may give none."""

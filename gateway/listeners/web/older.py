@@ -10,14 +10,16 @@ from starlette.responses import PlainTextResponse, Response
 
 from gateway.listeners.web.audit import ShownCorrection, correction_lines
 from gateway.listeners.web.past import EARLIEST_S, LATEST_S
+from gateway.listeners.web.sentences import UNHEARD, Atom, why
 from gateway.listeners.web.week_pages import AskCourse
+from gateway.model.text import json_text
 from gateway.telemetry.subscriber.site import SiteSeen
 
 MOST_TIMES = 40
 """At which the learner gave its reasons, of one answer."""
 _FARTHEST = timedelta(days=183)
 """No answer looks further back; the next one goes on from where it ended."""
-_ENCODER = msgspec.json.Encoder()
+_ENCODER = msgspec.json.Encoder(enc_hook=json_text)
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,8 +30,8 @@ class OlderCorrections:
     """The newest first."""
     before: str | None
     """Where the next answer goes on; null: nothing older is stored."""
-    why: str
-    """Why the store could not be asked; empty: it was."""
+    why: "Atom | None"
+    """Why the store could not be asked; null: it was."""
 
 
 class OlderPages:
@@ -58,7 +60,7 @@ class OlderPages:
         except (ValueError, OverflowError) as error:
             return PlainTextResponse(f"before: {error}", 400)
         if self._ask is None or end is None:
-            answer = OlderCorrections([], None, "nothing has been heard of its gateway")
+            answer = OlderCorrections([], None, UNHEARD)
         else:
             answer = await self._older(self._ask, name, end)
         return Response(_ENCODER.encode(answer), media_type="application/json")
@@ -68,13 +70,13 @@ class OlderPages:
             async with self._asking:
                 page = await asyncio.to_thread(ask, name, end - _FARTHEST, end, MOST_TIMES)
         except (OSError, ValueError) as error:
-            return OlderCorrections([], None, str(error))
+            return OlderCorrections([], None, why(error))
         lines = [
             line
             for each in reversed(page.reasons)
             for line in correction_lines(each.time, each.k, each.errors, each.sigma, each.measured)
         ]
-        return OlderCorrections(lines, page.reasons[0].time if page.reasons else None, "")
+        return OlderCorrections(lines, page.reasons[0].time if page.reasons else None, None)
 
 
 def _time(text: str) -> datetime:

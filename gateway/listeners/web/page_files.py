@@ -10,8 +10,9 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 
 _SCRIPTS = (
-    "charts.js", "choice.js", "commands.js", "elements.js", "machine.js", "page.js", "room.js", "sensitivity.js",
-    "stream.js", "tables.js", "words.js",
+    "bars.js", "chart.js", "choice.js", "commands.js", "elements.js", "machine.js", "model.js", "page.js", "past.js",
+    "screens.js", "sensitivity.js", "sensors.js", "stream.js", "tables.js", "when.js", "why.js",
+    "words.js",
 )  # fmt: skip
 _FILES: Final[Mapping[str, tuple[str, str]]] = {
     "page.css": ("listeners/web/static/page.css", "text/css"),

@@ -15,6 +15,7 @@ from gateway.model.text import Text, plain, restored
 from gateway.model.wording import finding_text
 from gateway.telemetry.fields import text_from, texts_from
 from gateway.telemetry.messages import (
+    EventMessage,
     MeasurementMessage,
     ProbingStanding,
     SensorFinding,
@@ -22,7 +23,7 @@ from gateway.telemetry.messages import (
     StorageStanding,
 )
 from gateway.telemetry.subscriber.instants import instant
-from gateway.telemetry.subscriber.machine import MachineSeen, believable
+from gateway.telemetry.subscriber.machine import MachineSeen, believable, is_past
 from talc.frame import EventKind
 from talc.names import ERROR_UNITS, LEAST_NAMED, MOST_NAMED, THERMAL_ERRORS
 
@@ -41,9 +42,10 @@ _BODIES = {
 _BAD = frozenset({EventKind.PROBLEM, EventKind.MEASUREMENT_REJECTED, EventKind.MODEL_REJECTED})
 _NC_MARKS: dict[str, str] = {NcState.READY: "good", NcState.PROBING: "good", NcState.NONE: ""}
 """Marks of the control's states; any other is a notice."""
+_MOST_ALIKE = 4
 _RENEW_DAYS = 30
 _URGENT_DAYS = 7
-_NOTABLE = frozenset({EventKind.OPERATOR, EventKind.SENSOR_SUSPECT, EventKind.LIMIT_EXCEEDED, EventKind.COMMAND})
+_NOTABLE = frozenset({EventKind.OPERATOR, EventKind.SENSOR_SUSPECT, EventKind.COMMAND})
 
 
 def waits(seen: MachineSeen) -> Iterator[SaidRow]:
@@ -59,7 +61,8 @@ def waits(seen: MachineSeen) -> Iterator[SaidRow]:
     expected = None if seen.reasons is None else seen.at_k(seen.reasons.next_k)
     if seen.reasons is not None and expected is not None:
         why = Word(f"why.{seen.reasons.next_why}")
-        yield SaidRow("label.next", Sentence("next.expected", {"at": at(expected), "why": why}))
+        key = "next.overdue" if is_past(seen, expected) else "next.expected"
+        yield SaidRow("label.next", Sentence(key, {"at": at(expected), "why": why}))
     yield _last(seen.last_measurement)
 
 
@@ -105,6 +108,10 @@ class ShownChannel:
     detail: Sentence | None
     body: str
     """Part of the machine in the sketch, by its name; empty: none."""
+    doubt: str = ""
+    """`offset` or `swap`: what the comparison with the others has found; empty: nothing."""
+    beside: tuple[str, ...] = ()
+    """With which it may be exchanged, or what would explain the offset as well."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,10 +123,15 @@ class DrivenError:
     corrected: bool
     movers: tuple[tuple[str, Amount], ...]
     """Names of inputs and by how much, the largest first."""
+    others: Amount
+    """All other inputs together."""
+    level: Amount
+    """What no input explains, as the last measurements left it. With `movers` and `others` it is the estimate."""
 
 
 def channels(seen: MachineSeen) -> Iterator[ShownChannel]:
     """Every channel, those that are not good first, then the temperatures."""
+    doubted = _doubted(seen)
     shown = [
         ShownChannel(
             r.channel,
@@ -128,10 +140,21 @@ def channels(seen: MachineSeen) -> Iterator[ShownChannel]:
             r.quality == Quality.GOOD,
             told(text_from(r.detail, r.detail_coded)) if r.detail else None,
             _body(r.channel),
+            *doubted.get(r.channel, ("", ())),
         )
         for r in seen.readings.values()
     ]
-    yield from sorted(shown, key=lambda c: (c.good, c.value is None or c.value.u != _CELSIUS, c.channel))
+    yield from sorted(shown, key=lambda c: (c.good, not c.doubt, c.value is None or c.value.u != _CELSIUS, c.channel))
+
+
+def _doubted(seen: MachineSeen) -> dict[str, tuple[str, tuple[str, ...]]]:
+    """By input, the kind of the finding and the inputs that it concerns besides."""
+    found: dict[str, tuple[str, tuple[str, ...]]] = {}
+    for finding in () if seen.sensors is None else seen.sensors.findings:
+        own = (*finding.inputs, *finding.alternatives)
+        for each in own:
+            found.setdefault(each, (finding.kind, tuple(other for other in own if other != each)))
+    return found
 
 
 def _body(channel: str) -> str:
@@ -150,8 +173,18 @@ def driven(seen: MachineSeen) -> Iterator[DrivenError]:
         unit = ERROR_UNITS[error]
         moving = [(i, v) for i, v in reason.inputs.items() if v is not None and abs(v) >= LEAST_NAMED]
         largest = sorted(moving, key=lambda each: -abs(each[1]))[:MOST_NAMED]
-        movers = tuple((i, Amount(v, unit, sign=True)) for i, v in largest)
-        yield DrivenError(error, Amount(reason.estimate, unit, sign=True), reason.trusted, movers)
+        # Rounded parts add up to the rounded sum: what rounding leaves is among the other inputs.
+        movers = tuple((i, Amount(round(v, 1), unit, sign=True)) for i, v in largest)
+        level = round(reason.level or 0.0, 1)
+        others = round(reason.estimate, 1) - level - sum(amount.n or 0.0 for _, amount in movers)
+        yield DrivenError(
+            error,
+            Amount(reason.estimate, unit, sign=True),
+            reason.trusted,
+            movers,
+            Amount(round(others, 1), unit, sign=True),
+            Amount(level, unit, sign=True),
+        )
 
 
 def doubts(seen: MachineSeen) -> Iterator[Sentence]:
@@ -163,6 +196,9 @@ def doubts(seen: MachineSeen) -> Iterator[Sentence]:
         for finding in seen.sensors.findings:
             since = None if finding.since_k is None else seen.at_k(finding.since_k)
             yield _finding(finding, since, seen.sensors.loads)
+    if seen.sensors is not None and seen.sensors.alike:
+        pairs = "; ".join(" / ".join(pair) for pair in seen.sensors.alike[:_MOST_ALIKE])
+        yield Sentence("doubt.alike", {"names": ToldName(pairs)})
     if seen.decision is not None and seen.decision.substituted:
         yield Sentence("doubt.substituted", {"names": ToldName(", ".join(seen.decision.substituted))})
 
@@ -226,12 +262,24 @@ def health(seen: MachineSeen) -> Iterator[SaidRow]:
         yield SaidRow("label.boot", name(seen.boot))
 
 
-def _channels(seen: MachineSeen) -> SaidRow:
+def failed(seen: MachineSeen) -> Sentence | None:
+    """How many channels have no good value now; None: all have one, or it is not known."""
+    good, all_of_them = _counted(seen)
+    if not seen.present or good >= all_of_them:
+        return None
+    return Sentence("channels.failed", {"n": Amount(all_of_them - good, d=0), "all": Amount(all_of_them, d=0)})
+
+
+def _counted(seen: MachineSeen) -> tuple[int, int]:
+    """Good channels, and all."""
     status = seen.status
     if status is not None and status.channels is not None and status.channels_good is not None:
-        good, all_of_them = status.channels_good, status.channels
-    else:
-        good, all_of_them = sum(r.quality == Quality.GOOD for r in seen.readings.values()), len(seen.readings)
+        return status.channels_good, status.channels
+    return sum(r.quality == Quality.GOOD for r in seen.readings.values()), len(seen.readings)
+
+
+def _channels(seen: MachineSeen) -> SaidRow:
+    good, all_of_them = _counted(seen)
     if not all_of_them:
         return SaidRow("label.channels", Sentence("channels.none"), "notice")
     said = Sentence("channels.good", {"good": Amount(good, d=0), "all": Amount(all_of_them, d=0)})
@@ -327,21 +375,45 @@ def _spool(storage: StorageStanding) -> SaidRow:
 
 @dataclass(frozen=True, slots=True)
 class ShownEvent:
-    """One event."""
+    """One event; a problem and its end are one."""
 
     t: str
     kind: str
     """Key of the catalogue."""
     said: Sentence
     mark: str
+    ended: str | None = None
+    """When the problem ended."""
 
 
-def events(seen: MachineSeen) -> Iterator[ShownEvent]:
-    """The newest first."""
+def events(seen: MachineSeen) -> list[ShownEvent]:
+    """The problems that last, then everything else; the newest first in both."""
+    lasting: list[ShownEvent] = []
+    others: list[ShownEvent] = []
+    ends: dict[str, EventMessage] = {}
+    changed: set[str] = set()
+    """Subjects of which something later was said."""
     for event in reversed(seen.events):
-        mark = "bad" if event.kind in _BAD else "notice" if event.kind in _NOTABLE else ""
-        said = told(restored(event.text, event.code, event.values) if event.code else plain(event.text))
-        yield ShownEvent(event.time, f"event.{event.kind}", said, mark)
+        subject = str(event.values.get("subject", ""))
+        if event.kind == EventKind.PROBLEM_ENDED and subject not in {"", *ends}:
+            ends[subject] = event
+        elif event.kind == EventKind.PROBLEM and subject:
+            end = ends.pop(subject, None)
+            lasts = end is None and subject not in changed
+            (lasting if lasts else others).append(_shown_event(event, None if end is None else end.time))
+        else:
+            others.append(_shown_event(event))
+        changed.add(subject)
+    others.extend(map(_shown_event, ends.values()))  # their beginning was not heard
+    return [*lasting, *sorted(others, key=lambda each: each.t, reverse=True)]
+
+
+def _shown_event(event: EventMessage, ended: str | None = None) -> ShownEvent:
+    said = told(restored(event.text, event.code, event.values) if event.code else plain(event.text))
+    if ended is not None or event.kind == EventKind.PROBLEM_ENDED:
+        return ShownEvent(event.time, f"event.{EventKind.PROBLEM_ENDED}", said, "good", ended)
+    mark = "bad" if event.kind in _BAD else "notice" if event.kind in _NOTABLE else ""
+    return ShownEvent(event.time, f"event.{event.kind}", said, mark)
 
 
 def _unit(unit: str) -> str:

@@ -1,7 +1,7 @@
 """The charts of the time before this page's program was listening, from the gateway's store."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 
 import numpy as np
@@ -33,6 +33,10 @@ class ShownPast:
     measured_t: list[float]
     measured: list[list[float | None]]
     """What measurements found, without compensation."""
+    measured_left: list[list[float | None]] = field(default_factory=lambda: [[], [], []], kw_only=True)
+    """What measurements found beyond the correction; of a gateway that does not tell, nothing."""
+    temperatures: dict[str, list[float | None]] = field(default_factory=dict, kw_only=True)
+    """By channel, at each time, the other inputs as well; only if they were asked for."""
 
 
 def shown_past(page: CoursePage, matrix: FloatArray) -> ShownPast:
@@ -45,7 +49,26 @@ def shown_past(page: CoursePage, matrix: FloatArray) -> ShownPast:
         half=columns(half_width(matrix, sigma)),
         measured_t=page.measured_time,
         measured=columns(moved(matrix, measured)),
+        measured_left=columns(moved(matrix, _left(page))),
+        temperatures={
+            name: _temperature(name, column, len(page.time))
+            for name, column in (page.temperatures | page.inputs).items()
+        },
     )
+
+
+def _left(page: CoursePage) -> FloatArray:
+    """(m, 9); of a gateway that does not tell, unknown."""
+    size = len(page.measured_time)
+    unknown: list[float | None] = [None] * size
+    found = {e: PublishedCourse(page.left.get(e, unknown), unknown) for e in THERMAL_ERRORS}
+    return estimates_of(found, size)[0]
+
+
+def _temperature(name: str, column: list[float | None], size: int) -> list[float | None]:
+    if len(column) != size:
+        raise ValueError(f"{name}: {len(column)} numbers for {size} times")
+    return [round(v, 2) if math.isfinite(v := believable(each)) else None for each in column]
 
 
 def span(begin: str, end: str) -> tuple[datetime, datetime]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gateway.listeners.web.past import estimates_of
-from gateway.listeners.web.sentences import Amount
+from gateway.listeners.web.sentences import Amount, Atom
 from gateway.listeners.web.weeks import monday_of
 from gateway.telemetry.answers import CoursePage
 from gateway.telemetry.subscriber.machine import believable
@@ -49,7 +49,7 @@ class SensitivityWeeks:
     weeks: list[float] | None
     """Their Mondays, UTC seconds, the latest first; None: unknown."""
     errors: list[ErrorSensitivity]
-    why: str
+    why: "Atom | None"
     """Why it is unknown."""
 
 
@@ -63,10 +63,10 @@ def sensitivity_by_week(page: CoursePage) -> SensitivityWeeks:
     weeks = sorted(set(mondays.tolist()), reverse=True)
     names = tuple(page.temperatures)
     if not names or not weeks:
-        return SensitivityWeeks(weeks, [], "")
+        return SensitivityWeeks(weeks, [], None)
     by_week = [(errors[own], temperatures[own]) for own in (mondays == week for week in weeks)]
     shown = (_of_error(j, names, by_week) for j in range(len(THERMAL_ERRORS)))
-    return SensitivityWeeks(weeks, [each for each in shown if each is not None], "")
+    return SensitivityWeeks(weeks, [each for each in shown if each is not None], None)
 
 
 def _of_error(

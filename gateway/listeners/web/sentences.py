@@ -7,9 +7,9 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
-from typing import TypeAlias
+from typing import Final, TypeAlias
 
-from gateway.model.text import Text, languages
+from gateway.model.text import Text, languages, text_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +81,11 @@ def um(value: float, *, sign: bool = False) -> Amount:
     return Amount(round(value, 3) if math.isfinite(value) else None, "µm", sign=sign)
 
 
+def lasting(seconds: float) -> Amount:
+    """A time that something takes: seconds up to 90, then minutes."""
+    return Amount(round(seconds), "s", d=0) if seconds < 90.0 else Amount(round(seconds / 60.0, 1), "min", d=0)
+
+
 def at(time: datetime) -> ToldTime:
     """A time."""
     return ToldTime(time.isoformat())
@@ -94,6 +99,15 @@ def name(text: str) -> Sentence:
 def told(text: Text) -> Sentence:
     """What a gateway says, by itself."""
     return Sentence("sentence.text", {"text": in_each(text)})
+
+
+UNHEARD: Final = Sentence("page.nothing_heard")
+"""Why a gateway cannot be asked."""
+
+
+def why(error: Exception) -> Atom:
+    """What an error says, in each language that its sender knows."""
+    return in_each(text_of(error))
 
 
 def in_each(text: Text) -> Atom:

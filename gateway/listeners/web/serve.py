@@ -1,6 +1,5 @@
 """`talc-gateway web`: serves the page for operators. It only listens, and passes on the commands of [operators]."""
 
-import socket
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ from drivers.section import host_and_port
 from gateway.listeners.web.access import check_certificate, check_listening
 from gateway.listeners.web.app import build_app
 from gateway.listeners.web.settings import MachineUse, load_settings
+from gateway.runtime.listening import ACCEPTED_AT_ONCE, GuardedSocket
 from gateway.telemetry.subscriber.places import heard_at
 from gateway.telemetry.subscriber.site import SiteSeen, SiteSubscription
 
@@ -38,7 +38,7 @@ class WebCommand:
 
 
 def serve_pages(command: WebCommand) -> None:
-    """Serve until SIGINT or SIGTERM. Raises ConfigError, SetupError, TelemetryError, OSError."""
+    """Serve until SIGINT or SIGTERM. Raises ConfigError, SetupError, OSError."""
     settings = load_settings(command.settings)
     check_listening(command.host, settings)
     if settings.tls is not None:
@@ -51,8 +51,8 @@ def serve_pages(command: WebCommand) -> None:
         expected = (name, *expected)
         uses[name] = MachineUse(sphere_radius_mm=probing.sphere_radius_mm, sphere_height_mm=probing.sphere_height_mm)
     site = SiteSeen(telemetry.prefix, expected)
-    app = build_app(site, settings, SiteSubscription(site, telemetry), uses)
     with closing(_listening(command.host, command.port)) as listening:
+        app = build_app(site, settings, SiteSubscription(site, telemetry), uses, known=listening.know)
         tls = settings.tls
         server = uvicorn.Server(
             uvicorn.Config(
@@ -61,30 +61,21 @@ def serve_pages(command: WebCommand) -> None:
                 access_log=False,
                 server_header=False,
                 proxy_headers=False,
+                backlog=ACCEPTED_AT_ONCE,
                 timeout_graceful_shutdown=_GOODBYE_S,
                 ssl_certfile=None if tls is None else str(tls.certificate),
                 ssl_keyfile=None if tls is None else str(tls.key),
             )
         )
-        host, port = listening.getsockname()[:2]
-        click.echo(f"{'http' if tls is None else 'https'}://{host_and_port(host, port)}/")
+        click.echo(f"{'http' if tls is None else 'https'}://{listening.address}/")
         server.run([listening])
 
 
-def _listening(host: str, port: int) -> socket.socket:
+def _listening(host: str, port: int) -> GuardedSocket:
     """The socket, opened here so that a port in use is an error of ours, with its address."""
     try:
-        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-        found = socket.socket(family, kind, protocol)
-        try:
-            found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            found.bind(address)
-            found.listen()  # a browser that follows the printed address at once waits
-        except OSError:
-            found.close()
-            raise
+        return GuardedSocket(host, port)
     except OSError as error:
         raise OSError(
             f"--listen {host_and_port(host, port)} cannot be used: {error.strerror}; give another port"
         ) from error
-    return found

@@ -6,10 +6,12 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from drivers.section import FilePath, Positive, Section, matching
+from drivers.section import FilePath, Positive, Section, matching, wrong
 from gateway.config.fields import Name
 from gateway.config.reading import read_as
 from gateway.config.sections import Probing
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 from gateway.runtime.passwords import UserName, hash_printed_by
 
 
@@ -25,7 +27,7 @@ class Tls(Section):
 class Proxy(Section):
     """A reverse proxy that has checked who the user is."""
 
-    header: Annotated[str, matching(r"[A-Za-z0-9-]+", "the name of a header, such as X-Forwarded-User")]
+    header: Annotated[str, matching(r"[A-Za-z0-9-]+", NoticeCode.A_HEADER)]
     """Header in which it names the user. The proxy must remove this header from what browsers send."""
     addresses: tuple[str, ...] = Field(min_length=1)
     """Addresses of the proxy; from others the header counts for nothing."""
@@ -63,7 +65,7 @@ class WebSettings(Section):
     def _known(self) -> "WebSettings":
         unknown = [] if self.proxy is not None else sorted(set(self.operators) - set(self.users))
         if unknown:
-            raise ValueError(f"operators: {', '.join(unknown)}: expected names under [users], or [proxy]")
+            raise wrong(Text(NoticeCode.OPERATORS_UNKNOWN, names=unknown), "operators")
         return self
 
 

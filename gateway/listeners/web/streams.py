@@ -102,6 +102,8 @@ class Streams:
         self._site, self._browsers = site, set[Browser]()
         self._changed = asyncio.Event()
         self._ended = False
+        self._round: dict[tuple[str, float | None, bytes], msgspec.Raw] | None = None
+        """While a round lasts, what browsers of the same viewpoint share."""
 
     async def run(self) -> None:
         """Until it is cancelled."""
@@ -120,8 +122,10 @@ class Streams:
                     await asyncio.wait_for(self._changed.wait(), _SLOWEST_S)
                 self._changed.clear()
                 waiting = False
+                self._round = {}
                 for browser in self._browsers:
                     self._refresh(browser)
+                self._round = None
                 await asyncio.sleep(_FASTEST_S)
         finally:
             self._site.changed = lambda: None
@@ -141,14 +145,21 @@ class Streams:
                 return
             seen = machines.get(browser.machine) or MachineSeen(browser.machine)
             viewpoint = browser.viewpoint(browser.machine)
-            browser.send("view", view(seen, viewpoint, now_s, self._own_rows()))
+            browser.send("view", self._view(seen, viewpoint, now_s))
             browser.send("events", tuple(events(seen)))
             if browser.explanations != seen.explanations:
                 browser.explanations = seen.explanations
                 browser.send("corrections", tuple(corrections(seen)))
             if browser.past != (seen.past, seen.present):  # nothing is foreseen of a gateway that is gone
                 browser.past = seen.past, seen.present
-                browser.send("course", shown_course(seen, viewpoint.matrix))
+                browser.send("course", shown_course(seen, viewpoint))
+
+    def _view(self, seen: MachineSeen, viewpoint: Viewpoint, now_s: float) -> msgspec.Raw:
+        key = seen.machine, viewpoint.tolerance_um, viewpoint.matrix.tobytes()
+        shared = {} if self._round is None else self._round
+        if key not in shared:
+            shared[key] = msgspec.Raw(_ENCODER.encode(view(seen, viewpoint, now_s, self._own_rows())))
+        return shared[key]
 
     def first(self, browser: Browser) -> bytes:
         """What `messages` would send at once, but for the corrections: a JSON object by kind of message, in order."""

@@ -8,11 +8,11 @@ from enum import StrEnum
 
 import numpy as np
 
-from gateway.listeners.web.ahead import advice, ahead, planned, planned_ahead, when
+from gateway.listeners.web.ahead import advice, ahead, cycle_takes, planned, planned_ahead, when
 from gateway.listeners.web.at_tool import ToolError, at_the_tool, course, half_width
 from gateway.listeners.web.sentences import Atom, Sentence, Word, at, um
 from gateway.model.standing import Standing
-from gateway.telemetry.subscriber.machine import MachineSeen, applied, holds_s, is_old, nine
+from gateway.telemetry.subscriber.machine import MachineSeen, applied, holds_s, is_old, is_past, nine
 from talc.frame import FloatArray, Phase
 
 
@@ -74,7 +74,7 @@ def verdict_of(seen: MachineSeen, viewpoint: Viewpoint, now_s: float) -> Verdict
     found = judged(seen, viewpoint, now_s)
     if found.word not in _HELPED:
         return found
-    since, before = _since(seen, viewpoint)
+    since, before = _since(seen, viewpoint, now_s)
     helps = _helps(seen, viewpoint, tool_now(seen, viewpoint.matrix, now_s), ready=found.colour is Colour.GREEN)
     return replace(found, since=since, before=before, helps=tuple(helps))
 
@@ -90,7 +90,9 @@ def judged(seen: MachineSeen, viewpoint: Viewpoint, now_s: float) -> Verdict:
         decided = datetime.fromisoformat(seen.decision.time)
         return Verdict(Colour.GREY, "word.old", (Sentence("because.old", {"at": at(decided)}),), decided)
     if seen.probing is not None and seen.probing.standing == Standing.ASKED:
-        return Verdict(Colour.AMBER, "word.probing", (Sentence("because.probing"),))
+        return Verdict(
+            Colour.AMBER, "word.probing", (Sentence("because.probing", {"lasts": cycle_takes(seen, "lasts.of_late")}),)
+        )
     error = tool.error
     if seen.decision.phase == Phase.NO_GOOD:
         return Verdict(Colour.RED, "word.not_ready", (Sentence("because.no_good"),))
@@ -119,9 +121,24 @@ def _colour(near: FloatArray, far: FloatArray, tolerance_um: float) -> Colour:
     return Colour.RED if (near > tolerance_um).any() else Colour.AMBER
 
 
+def colour_ahead(low: FloatArray, high: FloatArray, tolerance_um: float) -> Colour:
+    """The colour by the (3,) least and most that `far` will be; see gateway.listeners.web.ahead."""
+    return Colour.RED if (low > tolerance_um).any() else _colour(np.zeros(3), high, tolerance_um)
+
+
+def colours(seen: MachineSeen, past: ToolError, tolerance_um: float) -> list[Colour]:
+    """The colour of each estimate; past: the errors at the tool at these times."""
+    return [
+        Colour.RED if e.no_good else _colour(near, far, tolerance_um)
+        for e, near, far in zip(seen.estimates, past.near, past.far, strict=True)
+    ]
+
+
 def _absent(seen: MachineSeen) -> Verdict:
     if seen.heard is None:
         return Verdict(Colour.GREY, "word.never", (Sentence("because.never"), Sentence("do.start")))
+    if seen.alive and seen.two:
+        return Verdict(Colour.GREY, "word.no_data", (Sentence("because.two"), Sentence("do.rename")))
     if seen.silent:
         return Verdict(
             Colour.GREY, "word.silent", (Sentence("because.silent", {"heard": at(seen.heard)}), Sentence("do.restart"))
@@ -144,20 +161,28 @@ def _unknown(seen: MachineSeen, error: ToolError | None) -> tuple[Sentence, ...]
     return (Sentence("because.no_measurement"),)
 
 
-def _since(seen: MachineSeen, viewpoint: Viewpoint) -> tuple[datetime | None, bool]:
+def _since(seen: MachineSeen, viewpoint: Viewpoint, now_s: float) -> tuple[datetime | None, bool]:
     """The time of the first estimate of those in a row that say the same as the latest, and whether that is the first
-    of all. After a time without estimates a new row begins."""
+    of all. After a time without estimates, or in which the gateway was away, a new row begins."""
     if viewpoint.tolerance_um is None or not seen.estimates:
         return None, False
     past = course(viewpoint.matrix, seen.estimates)
     said = [
-        (Colour.RED, True) if e.no_good else (_colour(near, far, viewpoint.tolerance_um), bool(np.isfinite(far).all()))
-        for e, near, far in zip(seen.estimates, past.near, past.far, strict=True)
+        (colour, e.no_good or bool(np.isfinite(far).all()))
+        for colour, e, far in zip(colours(seen, past, viewpoint.tolerance_um), seen.estimates, past.far, strict=True)
     ]
     times, longest = [e.at for e in seen.estimates], timedelta(seconds=holds_s(seen))
     first = len(said) - 1
-    while first > 0 and said[first - 1] == said[-1] and times[first] - times[first - 1] <= longest:
+    while (
+        first > 0
+        and said[first - 1] == said[-1]
+        and not seen.estimates[first].anew
+        and times[first] - times[first - 1] <= longest
+    ):
         first -= 1
+    back = seen.back(now_s)
+    if back is not None and back > times[first]:
+        return back, False
     return times[first], first == 0
 
 
@@ -181,8 +206,8 @@ def _helps(seen: MachineSeen, viewpoint: Viewpoint, tool: ToolNow, *, ready: boo
         half = float(np.max(half_width(viewpoint.matrix, np.array(seen.measurements[-1].sigma))))
         if np.isfinite(half):
             key = "help.measure" if half <= tolerance_um else "help.measure_not_enough"
-            yield Sentence(key, {"half": um(half)})
+            yield Sentence(key, {"half": um(half), "lasts": cycle_takes(seen)})
     expected = None if seen.reasons is None else seen.at_k(seen.reasons.next_k)
-    if seen.reasons is not None and expected is not None:
+    if seen.reasons is not None and expected is not None and not is_past(seen, expected):
         values: dict[str, Atom] = {"at": at(expected), "why": Word(f"why.{seen.reasons.next_why}")}
         yield Sentence("when.next_measurement", values)

@@ -1,5 +1,6 @@
 """A browser's view of one machine or of all, made from the received messages for a given time."""
 
+import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -10,11 +11,21 @@ from gateway.listeners.web import parts
 from gateway.listeners.web.ahead import ahead
 from gateway.listeners.web.at_tool import course, moved
 from gateway.listeners.web.past import ShownPast, columns
+from gateway.listeners.web.scenario import ShownBranch, branches
 from gateway.listeners.web.sentences import Amount, SaidRow, Sentence, ToldName, Word, at, in_each, um
-from gateway.listeners.web.verdict import Verdict, Viewpoint, judged, tool_now, verdict_of
+from gateway.listeners.web.verdict import (
+    Verdict,
+    Viewpoint,
+    colour_ahead,
+    colours,
+    judged,
+    tool_now,
+    verdict_of,
+)
 from gateway.listeners.web.waiting import cost_of_waiting
-from gateway.telemetry.subscriber.machine import MachineSeen, applied
+from gateway.telemetry.subscriber.machine import MachineSeen, applied, is_old, nine
 from talc.frame import FloatArray
+from talc.names import THERMAL_ERRORS
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +39,8 @@ class ShownVerdict:
     before: bool
     """Whether it was so before `since`, too."""
     helps: tuple[Sentence, ...]
+    failed: Sentence | None
+    """Channels without a good value."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,11 +76,22 @@ class MachineView:
     verdict: ShownVerdict
     planned: tuple[str, ...]
     """Names of the planned loads of which the verdict may say something."""
+    branches: list[ShownBranch]
+    """The next two hours, as they are and under each planned load."""
     axes: tuple[ShownAxis, ...]
+    tolerance_um: float | None
+    errors: dict[str, float | None]
+    """The nine thermal errors now, µm and µm/m; empty: no estimate is current."""
+    reach: dict[str, list[float]]
+    """By thermal error, the deviation in X, Y and Z at the chosen point, µm, per unit of it."""
+    sphere_mm: tuple[float, float] | None
+    """Radius and height of the probing sphere; None: the gateway does not tell."""
     tool_notes: tuple[Sentence, ...]
     waits: tuple[SaidRow, ...]
     channels: tuple[parts.ShownChannel, ...]
     driven: tuple[parts.DrivenError, ...]
+    reasons: str | None
+    """When the learner gave the reasons of `driven`."""
     doubts: tuple[Sentence, ...]
     watched: Sentence | None
     health: tuple[SaidRow, ...]
@@ -85,13 +109,19 @@ def view(seen: MachineSeen, viewpoint: Viewpoint, now_s: float, own: tuple[SaidR
         paused=seen.status is not None and seen.status.paused is not None,
         unarmed=bool(seen.unarmed),
         notices=tuple(_orders(seen)),
-        verdict=_verdict_on_page(verdict_of(seen, viewpoint, now_s)),
+        verdict=_verdict_on_page(verdict_of(seen, viewpoint, now_s), parts.failed(seen)),
         planned=_planned_loads(seen),
+        branches=branches(seen, viewpoint, tool_now(seen, viewpoint.matrix, now_s).error),
         axes=_axes(seen, viewpoint.matrix, now_s),
+        tolerance_um=viewpoint.tolerance_um,
+        errors=_errors(seen, now_s),
+        reach=dict(zip(THERMAL_ERRORS, np.round(viewpoint.matrix.T, 6).tolist(), strict=True)),
+        sphere_mm=None if seen.status is None else seen.status.sphere_mm,
         tool_notes=tuple(_tool_notes(seen)),
         waits=(*parts.waits(seen), *cost_of_waiting(seen, viewpoint.matrix, now_s)),
         channels=tuple(parts.channels(seen)),
         driven=tuple(parts.driven(seen)),
+        reasons=None if seen.reasons is None else seen.reasons.time,
         doubts=tuple(parts.doubts(seen)),
         watched=parts.watched(seen),
         health=(*parts.health(seen), *own),
@@ -109,9 +139,11 @@ def _seconds(time: datetime | None) -> str | None:
     return None if time is None else time.isoformat(timespec="seconds")
 
 
-def _verdict_on_page(verdict: Verdict) -> ShownVerdict:
+def _verdict_on_page(verdict: Verdict, failed: Sentence | None) -> ShownVerdict:
     since = None if verdict.since is None else verdict.since.isoformat()
-    return ShownVerdict(verdict.colour.value, verdict.word, verdict.because, since, verdict.before, verdict.helps)
+    return ShownVerdict(
+        verdict.colour.value, verdict.word, verdict.because, since, verdict.before, verdict.helps, failed
+    )
 
 
 def _orders(seen: MachineSeen) -> Iterator[Sentence]:
@@ -140,6 +172,13 @@ def _axes(seen: MachineSeen, matrix: FloatArray, now_s: float) -> tuple[ShownAxi
     )
 
 
+def _errors(seen: MachineSeen, now_s: float) -> dict[str, float | None]:
+    if seen.decision is None or not seen.present or is_old(seen, now_s):
+        return {}
+    nine_now = zip(THERMAL_ERRORS, nine(seen.decision.corrected), strict=True)
+    return {error: round(v, 2) if math.isfinite(v) else None for error, v in nine_now}
+
+
 def _tool_notes(seen: MachineSeen) -> Iterable[Sentence]:
     step = seen.compensation
     if not seen.present:
@@ -152,19 +191,25 @@ def _tool_notes(seen: MachineSeen) -> Iterable[Sentence]:
 
 @dataclass(frozen=True, slots=True)
 class ShownCourse(ShownPast):
-    """The charts of the last hours and the next ones."""
+    """The chart of the last hours and the next ones."""
 
     left: list[list[float | None]]
+    state: list[str]
+    """The verdict's colour at each time; empty: there is no tolerance."""
     ahead_t: list[float]
     """The present and the next hours, as far as the forecasts have proved good so far."""
     ahead: list[list[float | None]]
+    ahead_left: list[list[float | None]]
     ahead_half: list[list[float | None]]
+    ahead_state: list[str]
+    """The verdict's colour up to each of them."""
     said: Sentence | None
     """Why there is nothing to show."""
 
 
-def shown_course(seen: MachineSeen, matrix: FloatArray) -> ShownCourse:
+def shown_course(seen: MachineSeen, viewpoint: Viewpoint) -> ShownCourse:
     """The last hours at the chosen point."""
+    matrix, tolerance_um = viewpoint.matrix, viewpoint.tolerance_um
     if not seen.estimates:
         none: list[list[float | None]] = [[]] * 3
         return ShownCourse(
@@ -174,33 +219,54 @@ def shown_course(seen: MachineSeen, matrix: FloatArray) -> ShownCourse:
             measured_t=[],
             measured=none,
             left=none,
+            state=[],
             ahead_t=[],
             ahead=none,
+            ahead_left=none,
             ahead_half=none,
+            ahead_state=[],
             said=Sentence("chart.nothing"),
         )
     past = course(matrix, seen.estimates)
     dots = seen.measurements
     found = moved(matrix, np.stack([m.errors for m in dots])) if dots else np.empty((0, 3))
     coming = ahead(seen, matrix) if seen.present else None
+    state = [] if tolerance_um is None else [colour.value for colour in colours(seen, past, tolerance_um)]
     later: list[datetime] = []
-    values, halves = np.empty((0, 3)), np.empty((0, 3))
+    values, left, halves = np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 3))
+    later_state: list[str] = []
     if coming is not None and (known := np.asarray(np.isfinite(coming.half).all(axis=1))).any():
         later = [seen.estimates[-1].at, *(time for time, told in zip(coming.at, known, strict=True) if told)]
         values = np.vstack([past.without[-1:], coming.without[known]])
+        left = np.vstack([past.left[-1:], coming.left[known]])
         halves = np.vstack([past.half[-1:], coming.half[known]])
+        if tolerance_um is not None:
+            later_state = [
+                state[-1],
+                *(
+                    colour_ahead(low, high, tolerance_um).value
+                    for low, high in zip(coming.low[known], coming.high[known], strict=True)
+                ),
+            ]
     return ShownCourse(
         t=[e.at.timestamp() for e in seen.estimates],
         without=columns(past.without),
         left=columns(past.left),
         half=columns(past.half),
+        state=state,
         measured_t=[m.at.timestamp() for m in dots],
         measured=columns(found),
         ahead_t=[time.timestamp() for time in later],
         ahead=columns(values),
+        ahead_left=columns(left),
         ahead_half=columns(halves),
-        said=Sentence("chart.legend"),
+        ahead_state=later_state,
+        said=None,
     )
+
+
+def _said(sentence: Sentence | None) -> tuple[Sentence, ...]:
+    return () if sentence is None else (sentence,)
 
 
 @dataclass(frozen=True, slots=True)
@@ -232,7 +298,11 @@ def listed(
             verdict.colour.value,
             verdict.word,
             verdict.because,
-            (*_orders(seen), *(Sentence("notice.unarmed", {"text": in_each(text)}) for text in seen.unarmed)),
+            (
+                *_orders(seen),
+                *_said(parts.failed(seen)),
+                *(Sentence("notice.unarmed", {"text": in_each(text)}) for text in seen.unarmed),
+            ),
             None if seen.heard is None else seen.heard.isoformat(timespec="minutes"),
         )
         for seen, verdict in found

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from gateway.listeners.web.ahead import WARM_S, ahead
+from gateway.listeners.web.ahead import WARM_S, ahead, cycle_takes
 from gateway.listeners.web.sentences import Amount, Atom, SaidRow, Sentence, Word, at, um
 from gateway.listeners.web.verdict import tool_now
 from gateway.telemetry.subscriber.machine import MachineSeen
@@ -34,5 +34,6 @@ def cost_of_waiting(seen: MachineSeen, matrix: FloatArray, now_s: float) -> Iter
         "then": um(float(coming.waiting_half[then, worst])),
         "measured": um(float(coming.measured_half[then, worst])),
         "gain": um(float(gained[worst])),
+        "lasts": cycle_takes(seen),
     }
     yield SaidRow("label.waiting", Sentence("waiting.cost", values))

@@ -10,14 +10,16 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 
 from gateway.listeners.web.sensitivity import MOST_ESTIMATES, SensitivityWeeks, sensitivity_by_week
+from gateway.listeners.web.sentences import UNHEARD, Atom, why
 from gateway.listeners.web.weeks import MOST_MEASUREMENTS, WEEKS, ScatterWeeks, scatter_by_week
+from gateway.model.text import json_text
 from gateway.telemetry.answers import CoursePage
 from gateway.telemetry.subscriber.site import SiteSeen
 
 AskCourse = Callable[[str, datetime, datetime, int], CoursePage]
 """A machine's stored estimates of a span, at most as many as the last argument says. Blocks. Raises OSError."""
 _Weeks = TypeVar("_Weeks", ScatterWeeks, SensitivityWeeks)
-_ENCODER = msgspec.json.Encoder()
+_ENCODER = msgspec.json.Encoder(enc_hook=json_text)
 
 
 class WeekPages:
@@ -47,8 +49,8 @@ class WeekPages:
             request,
             self._ask,
             MOST_MEASUREMENTS,
-            lambda page: ScatterWeeks(scatter_by_week(page), ""),
-            lambda why: ScatterWeeks(None, why),
+            lambda page: ScatterWeeks(scatter_by_week(page), None),
+            lambda told: ScatterWeeks(None, told),
         )
 
     async def sensitivity(self, request: Request) -> Response:
@@ -58,7 +60,7 @@ class WeekPages:
             self._ask_with_temperatures,
             MOST_ESTIMATES,
             sensitivity_by_week,
-            lambda why: SensitivityWeeks(None, [], why),
+            lambda told: SensitivityWeeks(None, [], told),
         )
 
     async def _answer(
@@ -67,7 +69,7 @@ class WeekPages:
         ask: AskCourse | None,
         most: int,
         found: Callable[[CoursePage], _Weeks],
-        unknown: Callable[[str], _Weeks],
+        unknown: Callable[[Atom], _Weeks],
     ) -> Response:
         """Answer with the weeks, or with why they are unknown: that is not an HTTP error, which browsers would
         report."""
@@ -78,11 +80,11 @@ class WeekPages:
             seen = machines.get(name)
             now = None if seen is None else seen.latest
         if ask is None or now is None:
-            answer = unknown("nothing has been heard of its gateway")
+            answer = unknown(UNHEARD)
         else:
             try:
                 async with self._asking:
                     answer = await asyncio.to_thread(lambda: found(ask(name, now - WEEKS, now, most)))
             except (OSError, ValueError) as error:
-                answer = unknown(str(error))
+                answer = unknown(why(error))
         return Response(_ENCODER.encode(answer), media_type="application/json")

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from statistics import median
 
-from gateway.listeners.web.sentences import Amount, um
+from gateway.listeners.web.sentences import Amount, Atom, um
 from gateway.telemetry.answers import CoursePage
 from gateway.telemetry.subscriber.machine import believable
 
@@ -31,7 +31,7 @@ class ScatterWeeks:
 
     weeks: list[ScatterWeek] | None
     """None: unknown."""
-    why: str
+    why: "Atom | None"
     """Why it is unknown."""
 
 

@@ -132,8 +132,8 @@ async def _withdraw(nc: NumericalControl, number: int) -> None:
             await nc.connect()
             await nc.withdraw_probing(number)
         except DriverError as error:
-            hint = f"stop it at the control: RESET, or on a SINUMERIK R61 = {number}"
-            what = f"dry run {number} goes on, because it cannot be withdrawn: {error.advice}"
+            hint = Text(NoticeCode.DRY_RUN_STOP, number=number)
+            what = Text(NoticeCode.DRY_RUN_GOES_ON, number=number, error=error.advice)
             raise ConnectError(what, device="nc", hint=hint) from error
 
 

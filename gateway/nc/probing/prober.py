@@ -11,7 +11,7 @@ from drivers.nc import NcSnapshot, NumericalControl, Triple
 from gateway.config.sections import Probing
 from gateway.model.codes import NoticeCode
 from gateway.model.probing import End, InForce, Outcome
-from gateway.model.text import NOTHING, Text, failure
+from gateway.model.text import NOTHING, Text, failure, text_of
 from gateway.nc.probing.checks import Expected, MeasurementChecks
 from gateway.nc.probing.cycle import Held, NotBegun, Probe, Rejected, at_rest, centres, run_cycle
 from gateway.nc.probing.foreign import CycleWatch
@@ -53,6 +53,8 @@ class Prober:
         self._nc, self._settings, self._clock, self._probe = nc, settings, clock, probe
         self._checks = MeasurementChecks(settings, probe.radius_m)
         self._reference, self._number = reference_mm, first_number
+        self._dropped = 0
+        """How often the reference was dropped."""
         self._last: tuple[Measurement, float] | None = None
         self._requested, self._watch = requested, watch or CycleWatch()
         self._waiting_for = abandoned if settings.armed else None
@@ -68,6 +70,9 @@ class Prober:
         found: FloatArray | None = None
         measurement: Measurement | None = None
         residual, reason, end = math.nan, NOTHING, End.MEASURED
+        dropped, expected = self._dropped, self._expected(decision)
+        if why is Why.REFERENCE:  # errors are zero from now on, whatever was expected of them
+            expected = Expected(*np.full((3, 9), np.nan))
         try:
             held = await hold()
             in_force = held.at(None)
@@ -78,6 +83,8 @@ class Prober:
             found = np.mean(cycles, axis=0)
             in_force = _in_force([shift for _, shift in results]) or held.at(found)
             await held.still()
+            if self._dropped != dropped:
+                raise Rejected(Text(NoticeCode.CYCLE_OF_FORMER_REFERENCE))
             at_rest(cycles, self._settings.max_repeat_um)
             if self._reference is None:
                 self._reference = found + np.asarray(in_force) * 1e-3
@@ -85,7 +92,7 @@ class Prober:
             residual = result.residual_rms
             self._checks.fits(result)
             candidate = Measurement(result.errors, result.sigma)
-            self._checks.plausible(candidate, self._expected(decision))
+            self._checks.plausible(candidate, expected)
             measurement = candidate
             self._last = candidate, self._clock.monotonic()
         except Rejected as error:
@@ -96,6 +103,20 @@ class Prober:
             reason, end = Text(NoticeCode.NC_NOT_ASKED, error=failure(error)), End.REFUSED
         return Outcome(
             self._number - 1, why, asked, self._clock.utc(), found, in_force, measurement, residual, reason, end
+        )
+
+    def drop_reference(self, reason: Text) -> Outcome | None:
+        """The next measurement sets another reference; one that runs is no result any more.
+
+        Returns the outcome that says so, a new reference without a result; None: there is no reference.
+        """
+        if self._reference is None:
+            return None
+        self._reference, self._last, self._dropped = None, None, self._dropped + 1
+        self._checks = MeasurementChecks(self._settings, self._probe.radius_m)
+        now = self._clock.utc()
+        return Outcome(
+            self._number - 1, Why.REFERENCE, now, now, None, (0.0, 0.0, 0.0), None, math.nan, reason, End.REJECTED
         )
 
     async def withdraw(self) -> None:
@@ -112,7 +133,7 @@ class Prober:
         try:
             await self.withdraw()
         except Refused as error:
-            log.warning("probing request %s could not be withdrawn: %s", self._waiting_for, error)
+            log.warning("%s", Text(NoticeCode.REQUEST_NOT_WITHDRAWN, number=self._waiting_for, error=text_of(error)))
             self._waiting_for = None
 
     async def _probed(self) -> tuple[FloatArray, Triple | None]:

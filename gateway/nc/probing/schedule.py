@@ -11,7 +11,8 @@ due          the caller has asked the control                                   
 asked        the cycle has ended                                                              as the result is
 any but asked: the controller no longer wants a measurement                                   not_wanted
 
-A person's command wants one too, whatever the controller does: it is urgent, and for one request.
+A person's command wants one too, whatever the controller does: it is urgent, and for one request. A new reference stays
+wanted until it is measured, and only while no program runs: from then on the offsets go to another place.
 """
 
 from enum import StrEnum
@@ -95,6 +96,8 @@ class ProbingSchedule:
         self._since = 0.0
         self._ordered_s: float | None = None
         """When a person asked for a measurement that has not ended yet."""
+        self._anew = False
+        """Whether a new reference is wanted."""
         self._before: NcSnapshot | None = None
         self._asked = False
         self._refused = NOTHING
@@ -109,6 +112,8 @@ class ProbingSchedule:
 
     @property
     def _reason(self) -> Why | None:
+        if self._anew:
+            return Why.REFERENCE
         return self._why if self._ordered_s is None else Why.COMMAND
 
     @property
@@ -120,10 +125,10 @@ class ProbingSchedule:
 
         excess: of its decision
         """
-        if why is None or self._why is None:
+        if not self._anew and (why is None or self._why is None):
             self._since = now_s
             self._operator = NOTHING
-        if why is None and not self._asked and self._paused_until is None:
+        if self._without(why) and not self._asked and self._paused_until is None:
             self._rejected, self._refused = (
                 0,
                 NOTHING,
@@ -138,6 +143,11 @@ class ProbingSchedule:
         if not self._asked:
             self._ordered_s = now_s
             self._paused_until, self._rejected, self._refused, self._operator = None, 0, NOTHING, NOTHING
+
+    def renew(self, now_s: float) -> None:
+        """A new reference is wanted until it is measured. It ends the pause after rejected results."""
+        self._anew, self._since = True, now_s
+        self._paused_until, self._rejected, self._refused, self._operator = None, 0, NOTHING, NOTHING
 
     def look(self, snapshot: NcSnapshot | None, now_s: float, barrier: Text = NOTHING) -> Outlook:
         """Judge the present moment.
@@ -158,16 +168,23 @@ class ProbingSchedule:
             return self._outlook(Standing.BLOCKED, blocked)
         if self._paused_until is not None:
             self._paused_until, self._rejected, self._operator = None, 0, NOTHING
-        here = moment(before, snapshot)
-        if self._urgent or here in (Moment.IDLE, Moment.PROGRAM_END):
+        return self._free(moment(before, snapshot), self._reason, now_s - self._since)
+
+    def _free(self, here: Moment, why: Why, waited_s: float) -> Outlook:
+        """Judge a moment at which nothing blocks what is wanted."""
+        idle, late = here in (Moment.IDLE, Moment.PROGRAM_END), waited_s >= self._insist_after
+        waits_idle, minutes = Text(NoticeCode.WAITS_IDLE), self._insist_after / 60
+        if idle or (self._urgent and not self._anew):
             return self._outlook(Standing.DUE)
+        if self._anew:
+            if late:
+                self._operator = Text(NoticeCode.NO_MEASUREMENT_FOR, minutes=minutes, reason=waits_idle)
+            return self._outlook(Standing.WAITING, waits_idle)
         if late:
-            self._operator = Text(
-                NoticeCode.MEASUREMENT_WAITED, why=self._reason.value, minutes=self._insist_after / 60
-            )
+            self._operator = Text(NoticeCode.MEASUREMENT_WAITED, why=why.value, minutes=minutes)
             return self._outlook(Standing.DUE)
-        if now_s - self._since < self._prefer_idle:
-            return self._outlook(Standing.WAITING, Text(NoticeCode.WAITS_IDLE))
+        if waited_s < self._prefer_idle:
+            return self._outlook(Standing.WAITING, waits_idle)
         if here is Moment.TOOL_CHANGE:
             return self._outlook(Standing.DUE)
         return self._outlook(Standing.WAITING, Text(NoticeCode.WAITS_TOOL_CHANGE))
@@ -177,7 +194,7 @@ class ProbingSchedule:
         if (reason := self._reason) is None:
             raise ValueError("nothing is wanted")
         self._asked, self._refused = True, NOTHING
-        return Why.RETRY if self._rejected else reason
+        return Why.RETRY if self._rejected and not self._anew else reason
 
     def ended(self, end: End, reason: Text, now_s: float) -> Outlook:
         """The request has ended; `reason` says why there is no result.
@@ -187,7 +204,7 @@ class ProbingSchedule:
         self._asked, self._ordered_s = False, None
         match end:
             case End.MEASURED:
-                self._why, self._rejected, self._refused, self._operator = None, 0, NOTHING, NOTHING
+                self._anew, self._why, self._rejected, self._refused, self._operator = False, None, 0, NOTHING, NOTHING
                 return self._outlook(Standing.NOT_WANTED)
             case End.REFUSED:
                 self._refused = reason
@@ -211,11 +228,15 @@ class ProbingSchedule:
 
     def _without_result(self, standing: Standing, reason: Text) -> Outlook:
         """The state after a request without a result; it may have been dropped meanwhile."""
-        if self._why is not None:
+        if not self._without(self._why):
             return self._outlook(standing, reason)
         if self._paused_until is None:
             self._rejected, self._refused = 0, NOTHING
         return self._outlook(Standing.NOT_WANTED)
+
+    def _without(self, why: Why | None) -> bool:
+        """Whether nothing is wanted if the controller wants this, but for a person's command."""
+        return why is None and not self._anew
 
     def _blocked(self, snapshot: NcSnapshot | None, now_s: float, barrier: Text) -> Text:
         if snapshot is None:
@@ -225,7 +246,7 @@ class ProbingSchedule:
         if snapshot.alarms:
             return Text(NoticeCode.NC_ALARM, numbers=tuple(map(str, snapshot.alarms)))
         if snapshot.cannot_probe:
-            return Text(NoticeCode.NC_CANNOT_PROBE, reason=snapshot.cannot_probe)
+            return Text(NoticeCode.NC_CANNOT_PROBE, reason=snapshot.cannot_probe, code=snapshot.cannot_probe_code)
         # The control checks its mode itself when it answers; an unreported mode is no reason to wait.
         if snapshot.cannot_probe is None and snapshot.mode not in (OperatingMode.AUTO, OperatingMode.UNKNOWN):
             return Text(NoticeCode.NC_OTHER_MODE, mode=snapshot.mode.value.upper())
@@ -237,7 +258,9 @@ class ProbingSchedule:
         return Text(NoticeCode.PAUSE_AFTER_REJECTS, n=self._rejected, reason=self._refused)
 
     def _outlook(self, standing: Standing, reason: Text = NOTHING) -> Outlook:
-        why = Why.RETRY if self._rejected and self._reason is not None else self._reason
+        why = self._reason
+        if self._rejected and why is not None and not self._anew:
+            why = Why.RETRY
         return Outlook(standing, why, reason, self._rejected, self._operator)
 
 

@@ -9,6 +9,8 @@ from contextlib import suppress
 from typing import ParamSpec, TypeVar
 
 from drivers.error_words import in_words
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 
 Arguments = ParamSpec("Arguments")
 Returned = TypeVar("Returned")
@@ -38,7 +40,7 @@ async def in_process(
         )
     except OSError as error:  # no memory or descriptor at this moment: not a fault in the gateway
         what = f"{error.filename}: " if error.filename else ""
-        raise WorkError(f"no process could be started: {what}{in_words(error)}") from error
+        raise WorkError(Text(NoticeCode.WORK_NOT_STARTED, what=what, why=in_words(error))) from error
     if process.stdin is None or process.stdout is None or process.stderr is None:
         raise RuntimeError("the process has no pipes")
     try:
@@ -49,16 +51,16 @@ async def in_process(
             answer, complaint = await asyncio.gather(process.stdout.read(), process.stderr.read())
             status = await process.wait()
     except TimeoutError:
-        raise WorkError(f"it did not finish within {WORK_LIMIT_S:g} s") from None
+        raise WorkError(Text(NoticeCode.WORK_SLOW, limit_s=WORK_LIMIT_S)) from None
     finally:
         if process.returncode is None:
             process.kill()
             await process.wait()
         process.stdin.close()
     if status < 0:
-        raise WorkError(f"its process was ended by {signal.Signals(-status).name}; out of memory?")
+        raise WorkError(Text(NoticeCode.WORK_KILLED, signal=signal.Signals(-status).name))
     if status > 0:
         lines = complaint.decode(errors="replace").strip().splitlines() or ["it left no message"]
-        raise WorkError(f"{lines[-1]} (exit status {status})")
+        raise WorkError(Text(NoticeCode.WORK_EXITED, said=lines[-1], status=status))
     found: Returned = pickle.loads(answer)
     return found

@@ -28,7 +28,7 @@ from gateway.telemetry.messages import (
     StatusMessage,
 )
 from gateway.telemetry.subscriber.instants import instant
-from talc.kinds import Phase
+from talc.kinds import Phase, Why
 from talc.names import THERMAL_ERRORS
 
 KEPT = timedelta(hours=8)
@@ -109,6 +109,8 @@ class Estimated:
     applied: Applied
     no_good: bool = False
     """The phase was `no_good`: the estimate does not fit."""
+    anew: bool = False
+    """The first since the gateway began again, or was away."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,6 +123,8 @@ class MeasuredErrors:
     """Nine each."""
     residual_um: float | None = None
     """RMS of what the nine errors do not explain: how far the touches scatter."""
+    lasted_s: float | None = None
+    """From the request to its end; None: unknown, or of the reference, which takes several cycles."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -152,6 +156,8 @@ class MachineSeen:
     """When the token disappeared."""
     silent: bool = False
     """The token is there, and nothing has come for SILENT_S: it hangs, or what it publishes is lost."""
+    two: bool = False
+    """Two gateways have this name; the messages of one of them are here."""
     boot: str = ""
     latest: datetime | None = None
     """The gateway's time of the latest message, and when it was received, monotonic seconds."""
@@ -176,6 +182,12 @@ class MachineSeen:
     """How many have ever come; changes with `explained`."""
     past: int = 0
     """Changes with what the charts show."""
+    back_s: float | None = None
+    """Monotonic seconds at which it was heard again after it was gone, silent or ended; None: it never was."""
+    _away: bool = False
+    """It is gone, silent or ended, and was not heard since."""
+    _anew: bool = False
+    """It was, and has decided nothing since."""
     _sequence: dict[str, int] = field(default_factory=dict)
     """Sequence number of the latest message, by key."""
     _newest: int = -1
@@ -190,7 +202,7 @@ class MachineSeen:
     @property
     def present(self) -> bool:
         """Whether what was heard last may be what is now."""
-        return self.alive and not self.silent
+        return self.alive and not (self.silent or self.two)
 
     @property
     def unarmed(self) -> tuple[Text, ...]:
@@ -201,6 +213,7 @@ class MachineSeen:
     def listen(self, now_s: float) -> None:
         """See whether it is silent at this monotonic time."""
         self.silent = self.alive and self.latest is not None and now_s - self.latest_s > SILENT_S
+        self._away |= self.silent
 
     def disappear(self, now: datetime) -> None:
         """The liveliness token is gone, and with it everything that was fresh."""
@@ -221,6 +234,8 @@ class MachineSeen:
         if message.seq <= self._sequence.get(suffix, -1):
             return
         self._sequence[suffix] = message.seq
+        if self._away:
+            self._away, self.back_s = False, now_s
         if self.latest is None or message.seq > self._newest:  # its clock may have been set back meanwhile
             self._newest, self.latest, self.latest_s = message.seq, at, now_s
         self.simulated = message.clock == "simulated"
@@ -228,6 +243,7 @@ class MachineSeen:
 
     def _begin_again(self, boot: str) -> None:
         """The gateway is another one, or was away: nothing that was heard holds for now. The past is kept."""
+        self._away = self._anew = self.boot != ""
         self.boot, self.latest, self._newest = boot, None, -1
         self.decision, self.compensation, self.status, self.probing = None, None, None, None
         self.reasons, self.forecast, self.sensors = None, None, None
@@ -276,7 +292,10 @@ class MachineSeen:
             return  # it is known from before the gateway was away
         self.past += 1
         now, no_good = applied(self.compensation), message.phase == Phase.NO_GOOD
-        self.estimates.append(Estimated(at, nine(message.corrected), nine(message.sigma), now, no_good))
+        self.estimates.append(
+            Estimated(at, nine(message.corrected), nine(message.sigma), now, no_good, anew=self._anew)
+        )
+        self._anew = False
         while self.estimates and self.estimates[0].at < at - KEPT:
             self.estimates.popleft()
         while self.measurements and self.measurements[0].at < at - KEPT:
@@ -307,13 +326,20 @@ class MachineSeen:
         self.last_measurement = message
         if message.errors is not None and not (self.measurements and ended <= self.measurements[-1].at):
             self.past += 1
+            asked = instant(message.asked) if message.why != Why.REFERENCE else None
+            lasted_s = None if asked is None or asked > ended else (ended - asked).total_seconds()
             self.measurements.append(
-                MeasuredErrors(ended, nine(message.errors), nine(message.sigma), message.residual_um)
+                MeasuredErrors(ended, nine(message.errors), nine(message.sigma), message.residual_um, lasted_s)
             )
 
     def clock(self, now_s: float) -> datetime | None:
         """The gateway's own time now, as far as its latest message tells; None: nothing was heard."""
         return None if self.latest is None else self.latest + timedelta(seconds=max(0.0, now_s - self.latest_s))
+
+    def back(self, now_s: float) -> datetime | None:
+        """When it was heard again after it was away, by its own clock; None: it never was."""
+        clock = self.clock(now_s)
+        return None if clock is None or self.back_s is None else clock - timedelta(seconds=now_s - self.back_s)
 
     def age_s(self, at: str, now_s: float) -> float | None:
         """How old something is that carries this time of the gateway; None: the time cannot be read."""
@@ -334,6 +360,11 @@ class MachineSeen:
 def holds_s(seen: MachineSeen) -> float:
     """How long an estimate counts as current, seconds."""
     return max(OLD_S, _STEPS_MISSED * (seen.step_s or 0.0))
+
+
+def is_past(seen: MachineSeen, time: datetime) -> bool:
+    """Whether this time of the gateway has passed, by its latest message."""
+    return seen.latest is not None and time < seen.latest
 
 
 def is_old(seen: MachineSeen, now_s: float) -> bool:

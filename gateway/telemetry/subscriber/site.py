@@ -9,14 +9,17 @@ from time import monotonic
 from typing import Self, TypeVar
 
 from gateway.config.telemetry import Telemetry
+from gateway.model.codes import NoticeCode
 from gateway.model.commands import CommandName
+from gateway.model.text import Text
 from gateway.telemetry import keys
-from gateway.telemetry.answers import CommandAnswer, CoursePage, ReportPage
+from gateway.telemetry.answers import CommandAnswer, CoursePage, ReportPage, ScenarioPage
 from gateway.telemetry.asking import COMMAND_LIMIT_S, QueryRefusal, ask, command
 from gateway.telemetry.codec import decode
 from gateway.telemetry.command_signer import CommandSigner
 from gateway.telemetry.subscriber.hearing import Hearing
 from gateway.telemetry.subscriber.machine import MachineSeen
+from gateway.telemetry.subscriber.runs import HeardRuns
 from gateway.telemetry.subscriber.unreadable import UnreadableMessages
 
 log = logging.getLogger(__name__)
@@ -25,7 +28,7 @@ _MOST_MACHINES = 300
 _ANSWER_LIMIT_S = 5.0
 _REPORT_LIMIT_S = 150.0
 """A small computer draws for half a minute, and others may be waiting."""
-_Answer = TypeVar("_Answer", CoursePage, ReportPage)
+_Answer = TypeVar("_Answer", CoursePage, ReportPage, ScenarioPage)
 
 
 def listened_to(telemetry: Telemetry) -> tuple[str, ...]:
@@ -54,7 +57,7 @@ class SiteSeen:
         self.prefix, self.now, self.now_s = prefix, now, now_s
         self._lock = threading.Lock()
         self._machines = {name: MachineSeen(name) for name in expected}
-        self._full = False
+        self._full, self._runs = False, HeardRuns(log)
         self._unreadable = UnreadableMessages(log, "not shown")
         self.changed: Callable[[], None] = lambda: None
         """Called from any thread when something was heard."""
@@ -66,6 +69,7 @@ class SiteSeen:
             now_s = self.now_s()
             for seen in self._machines.values():
                 seen.listen(now_s)
+                seen.two = self._runs.two(seen.machine, now_s)
             yield self._machines
 
     def may_be(self, machine: str) -> bool:
@@ -83,8 +87,9 @@ class SiteSeen:
         if message is not None:
             self._unreadable.valid(machine, suffix)
             with self._lock:
-                if (seen := self._of(machine)) is not None:
-                    seen.apply(suffix, message, self.now(), self.now_s())
+                now_s = self.now_s()
+                if (seen := self._of(machine)) is not None and self._runs.follows(machine, message.boot, now_s):
+                    seen.apply(suffix, message, self.now(), now_s)
             self.changed()
 
     def life(self, key: str, *, alive: bool) -> None:
@@ -101,7 +106,7 @@ class SiteSeen:
                 self._machines[machine] = MachineSeen(machine)
             elif not self._full:
                 self._full = True
-                log.warning("more than %d machines: %s and further ones are not shown", _MOST_MACHINES, machine)
+                log.warning("%s", Text(NoticeCode.MACHINES_FULL, n=_MOST_MACHINES, machine=machine))
         return self._machines.get(machine)
 
 
@@ -112,8 +117,6 @@ class SiteSubscription:
     ----------
     site: what takes in the messages
     settings: where to connect to; see `page_config`
-
-    Raises TelemetryError on entry.
     """
 
     def __init__(self, site: SiteSeen, settings: Telemetry) -> None:
@@ -137,6 +140,16 @@ class SiteSubscription:
         selected = f"from={begin.isoformat()};to={end.isoformat()};limit={limit};temperatures=yes"
         return self._asked(machine, f"{keys.COURSE}?{selected}", CoursePage, _ANSWER_LIMIT_S)
 
+    def ask_with_inputs(self, machine: str, begin: datetime, end: datetime, limit: int) -> CoursePage:
+        """The same with all inputs at each time; of an earlier program with its temperatures."""
+        selected = f"from={begin.isoformat()};to={end.isoformat()};limit={limit};temperatures=yes;inputs=yes"
+        try:
+            return self._asked(machine, f"{keys.COURSE}?{selected}", CoursePage, _ANSWER_LIMIT_S)
+        except QueryRefusal as error:
+            if not error.lacks("inputs"):
+                raise
+            return self.ask_with_temperatures(machine, begin, end, limit)
+
     def ask_reasons(self, machine: str, begin: datetime, end: datetime, limit: int) -> CoursePage:
         """The same with the learner's latest reasons of the span."""
         selected = f"from={begin.isoformat()};to={end.isoformat()};limit={limit};reasons=yes"
@@ -150,15 +163,21 @@ class SiteSubscription:
         except QueryRefusal:  # an earlier program knows no languages; what else is wrong is refused again
             return self._asked(machine, selector, ReportPage, _REPORT_LIMIT_S)
 
+    def ask_scenario(self, machine: str, load: str, minutes: int) -> ScenarioPage:
+        """A machine's errors if a load runs for some minutes. Blocks. Raises OSError likewise."""
+        return self._asked(machine, f"{keys.SCENARIO}?load={load};minutes={minutes}", ScenarioPage, _ANSWER_LIMIT_S)
+
     def _asked(self, machine: str, selector: str, answer: type[_Answer], limit_s: float) -> _Answer:
         try:
-            return ask(self._hearing.session, f"{keys.root(self._site.prefix, machine)}/{selector}", answer, limit_s)
+            return ask(
+                self._hearing.at(machine)[0], f"{keys.root(self._site.prefix, machine)}/{selector}", answer, limit_s
+            )
         except ValueError as error:
             raise OSError(str(error)) from error
 
     def give(self, machine: str, by: CommandSigner, name: CommandName) -> CommandAnswer:
         """Give a machine's gateway a command. Blocks. Raises as `gateway.telemetry.asking.command`."""
-        return command(self._hearing.session, keys.root(self._site.prefix, machine), by, name, COMMAND_LIMIT_S)
+        return command(self._hearing.at(machine), keys.root(self._site.prefix, machine), by, name, COMMAND_LIMIT_S)
 
     def _life(self, key: str, alive: bool) -> bool:
         self._site.life(key, alive=alive)

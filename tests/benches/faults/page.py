@@ -106,6 +106,30 @@ FROZEN = """## frozen value
 With `stuck_after_s` set, a channel whose number has not changed at all for that long is `stale` ("exactly 21 for 600
 s"), on every kind of bus. Without it a frozen value cannot be distinguished from a steady one.
 """
+REQUEST = """## The life of a Modbus request
+A request waits for the line and for the rest that its unit needs; then it is sent. What becomes of it:
+
+| state | it means | what follows |
+|---|---|---|
+| sent | its answer is waited for, about as long as the unit usually takes and at most `timeout_s` | answered, late |
+| late | it was waited for in vain | the question is repeated, or the late answer is waited for |
+| answered | by a value or a refusal | the value is used, if the question is still the same |
+| lost | a later request was answered, and units answer in order; or ten seconds have passed | |
+
+Over TCP an answer carries the number of its request. On a serial line it only has a form: unit, function and length. So
+no two different requests wait for answers of one form: the unit is first asked for something of another length, and
+once it has answered that, nothing older can follow. A late answer is therefore never taken for another one, whether
+the unit is slow, one answer behind for ever, or sends each answer twice. (The last two at once cannot be told apart.)
+
+Of each unit the gateway learns how long its answers take, which rest it needs after an answer (some ignore or refuse
+what comes sooner, some say that they are busy), and whether missed answers come in the end. If they do, it waits
+for them and does not ask again, because a slow unit would have to answer both. A device that is heard is asked again as
+long as the period lasts, after all others; one that is silent, less and less often, in what is left of the period.
+
+Devices drawn from random seeds try this (`python -m tests.benches.strangers --seeds 200000`): mute after a connection,
+slow, in need of a rest, closing, restarting, behind, refusing for a while, sending twice or in pieces. No value may be
+wrong, and what a plain client with a timeout of 5 s reads within the period, the gateway reads from the 20th period on.
+"""
 REST = """\
 The tests play two more disturbances on every wire above. First, the computer's clock jumps by an hour, forwards and
 back, while readings arrive and while the bus is closed and opened. Periods, timeouts and ages use the monotonic clock,
@@ -134,7 +158,7 @@ def page() -> str:
         f"## {fault}\n{fill(MEANING[fault], WIDTH)}\n\n{_table([c for c in MATRIX if c.fault == fault])}"
         for fault in faults
     ]
-    parts += [FROZEN, SLOW]
+    parts += [FROZEN, SLOW, REQUEST]
     parts.append(
         "## What no reading may show\nEvery value is right, every period is kept, nothing is reported.\n\n"
         f"{_harmless()}\n{REST}"

@@ -29,6 +29,7 @@ def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@pytest.mark.slow
 def test_the_example_of_the_page_runs_and_learns(own: Path) -> None:
     example = re.findall(r"```python\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)[-1]
     (own / "my_module.py").write_text(example, encoding="utf-8")
@@ -70,9 +71,3 @@ def test_a_class_that_peeks_or_does_not_fit_is_refused(own: Path, module: str, e
     (own / f"{module}.py").write_text(_OWN.format(estimate=estimate), encoding="utf-8")
     with pytest.raises(SystemExit, match=re.escape(expected)):
         methods(series(), f"{module}:Own")
-
-
-@pytest.mark.parametrize("named", ["no_such_module:Own", "benchmarks.recordings.methods:Missing", "foresight"])
-def test_what_does_not_exist_is_named(named: str) -> None:
-    with pytest.raises(SystemExit, match=named):
-        methods(series(), named)

@@ -13,7 +13,7 @@ from benchmarks.recordings.learner import Learning
 from benchmarks.recordings.methods import Given, HoldLast, Method, MethodCourse, Nothing, given_of
 from benchmarks.recordings.models import Models, papers, slots
 from benchmarks.recordings.peers import Boosting, Process, peers
-from benchmarks.recordings.policy import Deciding, Point, Sweep, savings
+from benchmarks.recordings.policy import Deciding, Point, savings
 from benchmarks.recordings.regressions import Features, Refitted, RidgePath, best_so_far, ridges
 from benchmarks.recordings.series import Series
 from talc.frame import BoolArray, FloatArray
@@ -152,16 +152,6 @@ def test_the_way_that_was_best_so_far_is_used_next() -> None:
     assert best[:, 0].tolist() == [1.0, 1.0, 1.0, 9.0, 5.0, 5.0]  # 0 and 16 squared, then 64 and 16
 
 
-@pytest.mark.parametrize("ridge", ridges(), ids=lambda m: m.name)
-def test_ridge_finds_a_ramp_that_is_linear_in_its_input(ridge: Method) -> None:
-    series = ramp()
-    used = rows_to_measure(series, 0.0, 60.0)
-    course, held = (apply_method(method, series, used, 0, 6.0, 60.0) for method in (ridge, HoldLast()))
-    assert course is not None
-    assert held is not None
-    assert judge_course(series, course, 6.0, [0, 1]).rms < 0.1 * judge_course(series, held, 6.0, [0, 1]).rms
-
-
 def test_the_best_ridge_known_afterwards_leaves_no_more_than_the_one_chosen_by_the_past() -> None:
     given = trial()
     online, hindsight = (method.courses(given) for method in ridges())
@@ -170,6 +160,16 @@ def test_the_best_ridge_known_afterwards_leaves_no_more_than_the_one_chosen_by_t
     left = [np.nanmean((truth - way.estimate) ** 2, axis=0) for way in hindsight]
     assert (np.nanmean((truth - online[0].estimate) ** 2, axis=0) >= np.min(left, axis=0)).all()
     check_causal(ridges()[0], given)
+
+
+@pytest.mark.parametrize("ridge", ridges(), ids=lambda m: m.name)
+def test_ridge_finds_a_ramp_that_is_linear_in_its_input(ridge: Method) -> None:
+    series = ramp()
+    used = rows_to_measure(series, 0.0, 60.0)
+    course, held = (apply_method(method, series, used, 0, 6.0, 60.0) for method in (ridge, HoldLast()))
+    assert course is not None
+    assert held is not None
+    assert judge_course(series, course, 6.0, [0, 1]).rms < 0.1 * judge_course(series, held, 6.0, [0, 1]).rms
 
 
 def test_boosting_finds_a_step_that_no_line_does() -> None:
@@ -264,13 +264,11 @@ def test_a_method_that_peeks_is_caught(method: Method) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "method", [Nothing(), HoldLast(), *ridges(), *peers(), *papers(gaps=False), Learning()], ids=lambda m: m.name
-)
+@pytest.mark.parametrize("method", [papers(gaps=False)[0], Learning()], ids=lambda m: m.name)
 def test_no_method_of_ours_peeks(method: Method) -> None:
     series = wavy()
     given = given_of(series, rows_to_measure(series, 12.0, 60.0), 0, 144, 12)
-    check_causal(method, given, range(2))
+    check_causal(method, given)
 
 
 def test_models_through_the_controller_beat_nothing_on_what_they_can_learn() -> None:
@@ -344,13 +342,11 @@ def test_a_policy_that_looks_at_other_measurements_is_caught() -> None:
         check_asked(Peeping(), given, 5.0)
 
 
-@pytest.mark.slow
-def test_a_sweep_counts_measurements_after_the_beginning() -> None:
-    series = wavy()
-    (fixed,) = Sweep(12.0, interval_min=60.0).points(Learning(), series, 0, True)
-    assert fixed.measurements == rows_to_measure(series, 12.0, 60.0)[144:].sum()
-    (asked,) = Sweep(12.0, limit=5.0).points(Learning(), series, 0, True)
-    assert 0 < asked.measurements < 256
+def test_any_number_of_errors_finds_places_of_its_unit() -> None:
+    groups = slots(np.array([False] * 8 + [True] * 2))
+    assert [sorted(group.values()) for group in groups] == [[0, 1, 2, 3, 4, 5, 8, 9], [6, 7]]
+    assert all(error < 8 for group in groups for place, error in group.items() if place < 6)
+    assert [sorted(g.values()) for g in slots(np.array([True] * 4))] == [[0, 1, 2], [3]]
 
 
 def test_a_swarm_has_no_course_without_a_dense_beginning() -> None:
@@ -359,11 +355,11 @@ def test_a_swarm_has_no_course_without_a_dense_beginning() -> None:
     assert apply_method(papers(gaps=False)[1], series, used, 0, 0.0, 60.0) is None
 
 
-def test_any_number_of_errors_finds_places_of_its_unit() -> None:
-    groups = slots(np.array([False] * 8 + [True] * 2))
-    assert [sorted(group.values()) for group in groups] == [[0, 1, 2, 3, 4, 5, 8, 9], [6, 7]]
-    assert all(error < 8 for group in groups for place, error in group.items() if place < 6)
-    assert [sorted(g.values()) for g in slots(np.array([True] * 4))] == [[0, 1, 2], [3]]
+def test_replaced_measurements_change_nothing_before_them() -> None:
+    """The check itself: it alters the chosen row and all after it."""
+    series = ramp()
+    given = given_of(series, rows_to_measure(series, 0.0, 60.0), 0, 0, 12)
+    check_causal(HoldLast(), replace(given, sigma=np.ones(2)))
 
 
 def test_coverage_counts_the_recordings_own_noise() -> None:
@@ -401,10 +397,3 @@ def test_what_a_denser_interval_left_by_chance_does_not_help_the_policy() -> Non
     fixed = [Point("", n, left, left, 0.95) for n, left in ((10, 8.0), (20, 4.0), (40, 5.0), (80, 2.0))]
     (found,) = savings([Point("", 20, 4.0, 4.0, 0.95)], fixed)
     assert found.at_equal_rms == pytest.approx(1.0)
-
-
-def test_replaced_measurements_change_nothing_before_them() -> None:
-    """The check itself: it alters the chosen row and all after it."""
-    series = ramp()
-    given = given_of(series, rows_to_measure(series, 0.0, 60.0), 0, 0, 12)
-    check_causal(HoldLast(), replace(given, sigma=np.ones(2)))

@@ -219,14 +219,6 @@ def test_parquet_is_read_and_columns_without_numbers_are_left_out(tmp_path: Path
     assert np.flatnonzero(np.isnan(series.truth[:, 0])).tolist() == [2]
 
 
-def test_a_folder_without_a_description_says_what_to_do(tmp_path: Path) -> None:
-    (tmp_path / "lathe.csv").write_text("time,t1\n")
-    with pytest.raises(ConfigError, match=r"no TOML file: it contains lathe\.csv; describe each recording"):
-        recordings_in(tmp_path)
-    with pytest.raises(ConfigError, match="is not a folder; set RECORDINGS"):
-        recordings_in(tmp_path / "nothing")
-
-
 def test_the_shipped_recording_is_whole() -> None:
     (path,) = recordings_in(SHIPPED)
     said, series = read_series(path)
@@ -249,12 +241,6 @@ def test_a_logger_s_settings_units_and_words_are_left_out(tmp_path: Path) -> Non
     assert len(series.k) == 40
     with pytest.raises(ConfigError, match="'none': expected a line or lines, such as 1-3 or 5"):
         read_series(written(tmp_path, said.replace("1,3", "none"), lines))
-
-
-def test_the_form_of_a_date_is_suggested(tmp_path: Path) -> None:
-    rows = [f"24.11.2026 {i // 12:02}:{i % 12 * 5:02},{i % 7},{i}" for i in range(40)]
-    with pytest.raises(RecordingError, match=r"is not a time; .*; \[time\] format = '%d.%m.%Y %H:%M' reads this one"):
-        read_series(written(tmp_path, 'errors = ["drift"]', [HEAD, *rows]))
 
 
 _IN_MM = ["time,t1,dz [mm]", *(f"{300 * i},{20 + i},{0.001 * i}" for i in range(40))]

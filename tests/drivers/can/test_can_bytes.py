@@ -124,6 +124,7 @@ def begins_segments(frames: Sequence[CanFrame]) -> bool:
     return any(i == 0x580 + NODE and len(data) == 8 and data[0] & 0xE2 == 0x40 for i, data in frames)
 
 
+@pytest.mark.slow
 def test_any_frames_from_a_node_give_what_they_say_or_an_error() -> None:
     node, stack, outcomes = Talker(), AsyncExitStack(), [0, 0]
     with asyncio.Runner() as runner:
@@ -191,6 +192,7 @@ NOISE = st.one_of(
 )
 
 
+@pytest.mark.slow
 def test_noise_around_an_adapters_lines_gives_the_value_or_an_error() -> None:
     stack, noise = AsyncExitStack(), (b"", b"")
     with asyncio.Runner() as runner:

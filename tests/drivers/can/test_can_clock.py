@@ -4,10 +4,11 @@ import asyncio
 import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from typing import get_args
 
 import pytest
 
-from drivers.can.settings import CAN_INTERFACES, CanInterfaceSettings
+from drivers.can.settings import CanInterfaceSettings, Interface
 from drivers.can.survey import CanSurvey, Heard
 from simulators.devices import SlcanAdapter
 from tests.benches.buses import make_bus
@@ -53,7 +54,7 @@ async def silent(interface: str, monkeypatch: pytest.MonkeyPatch) -> AsyncIterat
             yield options
 
 
-@pytest.mark.parametrize("interface", CAN_INTERFACES)
+@pytest.mark.parametrize("interface", get_args(Interface))
 @pytest.mark.parametrize("kind", ["canopen", "can"])
 @pytest.mark.parametrize("tap", [None, Unheard()], ids=["", "recorded"])
 async def test_closing_takes_no_time_and_leaves_no_thread(
@@ -70,7 +71,7 @@ async def test_closing_takes_no_time_and_leaves_no_thread(
             assert time.monotonic() - begun < AT_ONCE_S
 
 
-@pytest.mark.parametrize("interface", CAN_INTERFACES)
+@pytest.mark.parametrize("interface", get_args(Interface))
 async def test_listening_ends_in_time(interface: str, monkeypatch: pytest.MonkeyPatch) -> None:
     async with silent(interface, monkeypatch) as options:
         settings = CanInterfaceSettings.model_validate(options)

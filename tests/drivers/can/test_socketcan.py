@@ -117,10 +117,9 @@ async def test_what_cannot_be_opened_is_reported_with_its_remedy(
 
 async def test_kernel_of_this_computer_knows_no_such_interface() -> None:
     error = await refused(channel="nowhere0")
-    assert error.what.removeprefix("cannot open socketcan nowhere0: ") in {
-        os.strerror(number) for number in (errno.ENODEV, errno.EAFNOSUPPORT, errno.EPERM)
-    }
-    assert "ip link" in error.hint or "modprobe can_raw" in error.hint
+    assert "nowhere0" in error.what
+    assert error.what.endswith(tuple(os.strerror(number) for number in (errno.ENODEV, errno.EAFNOSUPPORT, errno.EPERM)))
+    assert error.hint
 
 
 async def test_node_is_read_and_frames_of_others_are_ignored(kernel: CanKernel) -> None:

@@ -59,7 +59,7 @@ async def on(adapter: SlcanAdapter) -> AsyncIterator[CanOpenBus]:
     try:
         await bus.connect()
         for node, tpdos in ((5, TPDOS), *((node, (0x180 + node, 0x280 + node)) for node in (6, 7))):
-            await bus.start_node("node", node, tpdos)
+            await bus.start_node("node", node, dict.fromkeys(tpdos, 0.0))
         yield bus
     finally:
         await bus.close()
@@ -220,3 +220,26 @@ async def test_one_sync_serves_all_nodes() -> None:
         await bus.connect()
         await bus.synchronise("node 5", 5, TPDOS)
         assert syncs == 2, "nobody knows what came while it was closed"
+
+
+async def test_node_that_takes_longer_than_the_timeout_is_read() -> None:
+    """Where no other node waits for it."""
+
+    class Slow(Cia404Node):
+        def on_frame(self, identifier: int, data: bytes) -> Sequence[CanFrame]:
+            answer = super().on_frame(identifier, data)
+            asyncio.get_running_loop().call_later(1.2 * TIMEOUT_S, adapter.send, answer)
+            return []
+
+    adapter = SlcanAdapter([Slow(5, lambda: [20.0], inputs=1, digits=0)])
+    bus = make_bus("can1", "canopen", {"interface": "slcan", "channel": await adapter.start(), "timeout_s": TIMEOUT_S})
+    assert isinstance(bus, CanOpenBus)
+    try:
+        await bus.connect()
+        for _ in range(3):
+            with suppress(DriverError):
+                await value_by_sdo(bus)
+        assert [await value_by_sdo(bus) for _ in range(3)] == [20] * 3
+    finally:
+        await bus.close()
+        await adapter.stop()

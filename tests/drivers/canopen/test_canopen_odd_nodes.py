@@ -328,19 +328,23 @@ async def twins(options: dict[str, object], **sending: int) -> AsyncIterator[tup
         await adapter.stop()
 
 
-@pytest.mark.parametrize("transfer", ["sdo", "sync"])
+@pytest.mark.parametrize("transfer", ["sdo", "sync", "timer"])
 async def test_two_nodes_with_one_id_have_no_values(transfer: str) -> None:
-    async with twins({"transfer": transfer}) as (pair, driver, _):
+    event_ms = 60 if transfer == "timer" else 0
+    async with twins({"transfer": transfer}, event_ms=event_ms) as (pair, driver, adapter):
         assert await values(driver) == [20.0]
         pair.both = True
+        pair.other.start(adapter.send)
         pair.other.on_frame(0, bytes((1, ODD)))  # operational, as the first one is
         for _ in range(8):
             await values(driver)  # the second answer comes after the first one was taken; SYNC may owe some frames
+            await asyncio.sleep(event_ms / 1000)
         for _ in range(5):
             seen = await values(driver)
             assert isinstance(seen, list), seen
             assert "two nodes have id 5" in str(seen[0])
         pair.both = False
+        pair.other.stop()
         async with asyncio.timeout(60.0):
             while await values(driver) != [20.0]:
                 await asyncio.sleep(0.5)

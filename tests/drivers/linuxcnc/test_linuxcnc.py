@@ -3,23 +3,61 @@
 import socket
 import time
 from collections.abc import AsyncIterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
+import pytest_asyncio
 
 from drivers.agent.control import AgentControl
 from drivers.base import ConnectError, Refused, SetupError, SystemClock
 from drivers.linuxcnc.settings import LinuxCncSettings
 from drivers.nc import OperatingMode, ProgramState, WatchdogTerms
-from tests.benches.linuxcnc_bench import AgentBench, claimed, running, until
+from tests.benches.linuxcnc_bench import AgentBench, claimed, refusal, running, until
 
-pytestmark = pytest.mark.peer
+pytestmark = [pytest.mark.peer, pytest.mark.asyncio(loop_scope="module")]
 
 
-@pytest.fixture
-async def bench(tmp_path: Path) -> AsyncIterator[AgentBench]:
-    async with running(tmp_path, {"SLEW": 1.0}) as it:
+@pytest_asyncio.fixture(scope="module", loop_scope="module", autouse=True)
+async def loop() -> None:
+    """Begins the module's event loop: not within a test, where its sockets would look left open."""
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def started(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[AgentBench]:
+    """One LinuxCNC for all tests that leave it as it was: a start takes longer than most of them."""
+    async with running(tmp_path_factory.mktemp("linuxcnc"), {"SLEW": 1.0}) as it:
+        await it.nc.close()
         yield it
+
+
+@pytest_asyncio.fixture(loop_scope="module")
+async def bench(started: AgentBench) -> AsyncIterator[AgentBench]:
+    """Switched on and homed; nobody owns the compensation, and nothing is in force."""
+    bench = AgentBench(started.operator, AgentControl(started.settings, SystemClock()), started.settings)
+    await bench.nc.connect()
+    yield bench
+
+    async def connected() -> bool:
+        """Again, after a test that closed it; a control that was frozen may still stand."""
+        with suppress(Refused):
+            await bench.nc.connect()
+            return True
+        return False
+
+    await until(connected)
+    await bench.nc.claim(7, WatchdogTerms(60.0, 1000.0), predecessor=8)
+    await bench.nc.release(7)
+
+    async def gone() -> bool:
+        return await bench.nc.read_compensation() == (0.0, 0.0, 0.0)
+
+    await until(gone)
+    await bench.nc.close()
+    if not await bench.operator.sees(on=True):
+        await bench.operator.ask("switch_on")
+    for block in ("M5 M9 G49", "T0 M6", "G53 G0 X0 Y0 Z0 A0 C0"):
+        await bench.operator.ask("mdi", block)
 
 
 async def test_snapshot_shows_what_the_control_does(bench: AgentBench) -> None:
@@ -29,10 +67,12 @@ async def test_snapshot_shows_what_the_control_does(bench: AgentBench) -> None:
     assert (at_rest.mode, at_rest.program, at_rest.alarms) == (OperatingMode.MDA, ProgramState.STOPPED, ())
     assert (at_rest.tool, at_rest.probe_in_spindle) == (0, False)
     await bench.operator.ask("mdi", "T99 M6 G43 M3 S1200 M8")
+    await bench.operator.ask("mdi", "M68 E0 Q3.5")
     turning = await bench.nc.snapshot()
     assert turning.tool == 99
     assert turning.probe_in_spindle
     assert (turning.states["spindle_speed"], turning.states["coolant"]) == (1200.0, 1.0)
+    assert (turning.states["analog_output_0"], turning.states["analog_output_3"]) == (3.5, 0.0), "a stated tolerance"
     await bench.operator.ask("estop")
     assert (await bench.nc.snapshot()).alarms == (1,)
 
@@ -54,7 +94,7 @@ async def test_speeds_are_the_mean_since_the_last_question(bench: AgentBench) ->
 
 
 @pytest.mark.realtime
-@pytest.mark.parametrize("part", ["milltask", "rtapi_app"])
+@pytest.mark.parametrize("part", ["rtapi_app"])
 async def test_a_control_whose_values_stand_still_is_not_trusted(part: str, bench: AgentBench) -> None:
     """After 2 s. Tolerance: half a second before, for what was still moving; later without a limit."""
 
@@ -62,7 +102,7 @@ async def test_a_control_whose_values_stand_still_is_not_trusted(part: str, benc
         try:
             await bench.nc.snapshot()
         except Refused as error:
-            return error.what == "LinuxCNC does not run, or its state stands still"
+            return error.reason == "stale"
         return False
 
     assert not await refused()
@@ -79,13 +119,13 @@ async def test_a_control_whose_values_stand_still_is_not_trusted(part: str, benc
 
 
 async def test_offsets_are_read_back_from_where_they_act(bench: AgentBench) -> None:
-    with pytest.raises(Refused, match="no heartbeat"):
+    with refusal("no_heartbeat"):
         await bench.nc.write_compensation((1.0, 0.0, 0.0))
     await claimed(bench, WatchdogTerms(60.0, 1.0))
     await bench.nc.write_compensation((3.0, -2.0, 0.5))
     assert await bench.nc.read_compensation() == pytest.approx((3.0, -2.0, 0.5), abs=1e-3)
     assert await bench.pin("y-drive") == pytest.approx(-0.002, abs=1e-6)
-    with pytest.raises(Refused, match="BOUND"):
+    with refusal("bound"):
         await bench.nc.write_compensation((0.0, 0.0, 250.0))
     with pytest.raises(ValueError, match="largest_um"):
         await bench.nc.write_compensation((0.0, 0.0, 501.0))
@@ -128,31 +168,32 @@ async def test_silence_holds_the_offsets_then_takes_them_to_zero_and_a_beat_ends
 
 
 @pytest.mark.realtime
-async def test_the_offsets_go_to_zero_although_the_agent_was_killed_and_sends_no_heartbeat(bench: AgentBench) -> None:
+async def test_the_offsets_go_to_zero_although_the_agent_was_killed_and_sends_no_heartbeat(tmp_path: Path) -> None:
     """Tolerance: 0.1 s before silence and ramp are over, and 1 s after, for what a busy computer takes."""
-    await claimed(bench, WatchdogTerms(60.0, 10.0))
-    await bench.nc.write_compensation((5.0, 0.0, 0.0))
+    async with running(tmp_path, {"SLEW": 1.0}) as bench:
+        await claimed(bench, WatchdogTerms(60.0, 10.0))
+        await bench.nc.write_compensation((5.0, 0.0, 0.0))
 
-    async def written() -> bool:
-        return await bench.pin("talc-x-in-force") == pytest.approx(0.005, abs=1e-9)
+        async def written() -> bool:
+            return await bench.pin("talc-x-in-force") == pytest.approx(0.005, abs=1e-9)
 
-    async with bench.beating(7):
-        await until(written)
-    last_beat = time.monotonic()
-    await bench.nc.claim(7, WatchdogTerms(0.5, 10.0))
-    await bench.operator.ask("kill_agent")
-    killed = time.monotonic()
-    with pytest.raises(ConnectError):
-        await bench.nc.read_compensation()
+        async with bench.beating(7):
+            await until(written)
+        last_beat = time.monotonic()
+        await bench.nc.claim(7, WatchdogTerms(0.5, 10.0))
+        await bench.operator.ask("kill_agent")
+        killed = time.monotonic()
+        with pytest.raises(ConnectError):
+            await bench.nc.read_compensation()
 
-    async def gone() -> bool:
-        return await bench.pin("talc-x-in-force") == 0.0
+        async def gone() -> bool:
+            return await bench.pin("talc-x-in-force") == 0.0
 
-    await until(gone)
-    now = time.monotonic()
-    assert now - last_beat >= 0.4 + 0.5
-    assert now - killed <= 0.5 + 0.5 + 1.0
-    assert (await bench.operator.ask("state"))["on"]  # the machine itself goes on
+        await until(gone)
+        now = time.monotonic()
+        assert now - last_beat >= 0.4 + 0.5
+        assert now - killed <= 0.5 + 0.5 + 1.0
+        assert (await bench.operator.ask("state"))["on"]  # the machine itself goes on
 
 
 async def test_ramp_zero_holds_and_release_acts_at_once(bench: AgentBench) -> None:
@@ -178,7 +219,7 @@ async def test_ramp_zero_holds_and_release_acts_at_once(bench: AgentBench) -> No
         return await bench.nc.read_compensation() == (0.0, 0.0, 0.0)
 
     await until(gone)
-    with pytest.raises(Refused, match="belongs to gateway 0"):
+    with refusal("owner"):
         await bench.nc.heartbeat(7)
 
 
@@ -200,10 +241,10 @@ async def test_silence_moves_the_offsets_no_faster_than_the_control_allows_whate
 async def test_another_gateway_is_refused_while_the_first_is_alive(bench: AgentBench) -> None:
     await claimed(bench, WatchdogTerms(86400.0, 1.0))
     async with bench.beating(7):
-        with pytest.raises(Refused, match="belongs to gateway 7"):
+        with refusal("owner"):
             await bench.nc.claim(8, WatchdogTerms(0.3, 1.0))
         other = AgentControl(bench.settings, SystemClock())
-        with pytest.raises(Refused, match="another client is connected"):
+        with refusal("occupied"):
             await other.connect()
     await bench.nc.claim(7, WatchdogTerms(0.3, 1.0))  # and it is silent from now on
 
@@ -215,7 +256,7 @@ async def test_another_gateway_is_refused_while_the_first_is_alive(bench: AgentB
         return True
 
     await until(taken_over)
-    with pytest.raises(Refused, match="belongs to gateway 8"):
+    with refusal("owner"):
         await bench.nc.heartbeat(7)
 
 
@@ -232,7 +273,7 @@ async def test_a_claim_counts_before_the_real_time_thread_has_seen_it(bench: Age
     nc = await impatient(bench)
     await bench.operator.ask("freeze", "rtapi_app")
     await nc.claim(7, WatchdogTerms(600.0, 1.0))
-    with pytest.raises(Refused, match="belongs to gateway 7"):
+    with refusal("owner"):
         await nc.claim(8, WatchdogTerms(600.0, 1.0))
     await nc.write_compensation((3.0, -2.0, 0.5))
     assert await nc.heartbeat(7)
@@ -304,7 +345,7 @@ async def test_what_an_earlier_claim_wanted_never_comes_back_in_whatever_order_r
 async def test_a_wrong_key_and_a_closed_port_are_reported(bench: AgentBench, tmp_path: Path) -> None:
     (tmp_path / "other").write_text("x" * 40)
     port = bench.settings.port
-    with pytest.raises(Refused, match="same key"):
+    with refusal("key"):
         await AgentControl(LinuxCncSettings(key_file=tmp_path / "other", port=port), SystemClock()).connect()
     (tmp_path / "short").write_text("x")
     with pytest.raises(SetupError, match="at least 32"):

@@ -19,6 +19,7 @@ from tests.benches.linuxcnc_foreign import (
     NO_CEILING_MM,
     SAFE_MM,
     SIGNALS,
+    allow,
     beyond_ceiling_mm,
     distances,
     disturbable,
@@ -32,26 +33,24 @@ PROBING = 5
 """LinuxCNC's number of the motion type of G38.3."""
 LEAST_MM = 15.0
 """BALL and twice REACH of the bench's machine."""
-REASONS = {
-    "block": "somebody else moved the machine or changed its modes",
-    "G43.1 Z1": "somebody else moved the machine or changed its modes",
-    "mdi": "somebody else moved the machine or changed its modes",
-    "mode": "somebody changed the operating mode",
-    "limit": "the machine is off or not homed",
-    "may-start": "the pin talc.may-start became FALSE",
-    "hand": "somebody else moved the machine or changed its modes",
+CODES = {
+    **dict.fromkeys(("block", "G43.1 Z1", "mdi", "hand"), ("foreign",)),
+    **{"mode": ("other_mode",), "limit": ("not_ready",), "may-start": ("may_start_ended",)},
+    **{"contact": ("contact", "stopped"), "probe": ("probe_failed", "stopped"), "interpreter": ("interpreter",)},
+    "jog": ("other_mode", "foreign"),
 }
+"""By the moment: LinuxCNC itself stops at a contact on the way up; and for the jog it leaves MDI, or before that the
+program's kind of motion."""
 
 
 async def test_a_cycle_that_was_not_alone_has_no_result_and_leaves_the_probe_safe(tmp_path: Path) -> None:
     draw = random.Random(7)
     async with disturbable(tmp_path) as bench:
-        kinds = ("block", "mdi", "mode", "limit", "contact", "probe", "may-start", "hand", "G43.1 Z1")
-        for number, kind in enumerate(kinds, start=1):
+        for number, kind in enumerate(CODES, start=1):
             assert kind in (*KINDS, *BLOCKS)
             one = await disturbed(bench, kind, number, draw)
             assert one.safe, one
-            assert kind not in REASONS or one.status.reason == REASONS[kind]
+            assert one.status.code in CODES[kind]
 
 
 async def test_below_the_safe_height_every_way_up_stops_at_a_contact_within_the_declared_way(tmp_path: Path) -> None:
@@ -71,6 +70,7 @@ async def test_below_the_safe_height_every_way_up_stops_at_a_contact_within_the_
         await hal.ask("hal", "sets", "ceiling-at", str(NO_CEILING_MM))
         await hal.ask("mdi", "o<talc_retract> call")
         await hal.ask("mdi", "T0 M6")
+        await allow(bench)
         # Up from beside the sphere, or over it, and then the retract.
         one = await disturbed(bench, "ceiling", 2, random.Random(3))
     assert (first.state, first.centres_mm) == (ProbingState.FAILED, None)
@@ -102,7 +102,7 @@ async def test_a_withdrawal_within_a_touch_ends_the_cycle_before_the_next_one(tm
         ended = await bench.nc.probing_status(1)
         rows = np.array(await hal.ask("recorded"))
         rows = rows[rows[:, -1] >= withdrawn_s]
-    assert (ended.state, ended.reason, ended.centres_mm) == (ProbingState.FAILED, "withdrawn", None)
+    assert (ended.state, ended.code, ended.centres_mm) == (ProbingState.FAILED, "withdrawn", None)
     within = distances(rows) < BALL_MM
     assert (np.diff(within.astype(int)) == 1).sum() + int(within[0]) <= 1, "the touch that was under way, and no other"
     assert (BALL_MM - distances(rows)).max() < DEEP_MM
@@ -137,7 +137,7 @@ async def test_a_probe_that_says_that_it_does_not_work_is_not_taken_to_the_spher
         assert (await ends(3)).state is ProbingState.DONE
     for found in silent, switched:
         assert found.state is ProbingState.REFUSED
-        assert found.reason == "the touch probe is missing, does not answer, or its contact is closed"
+        assert found.code == "probe_silent"
 
 
 async def test_a_dry_run_goes_the_path_above_the_sphere_and_reports_where_it_was(tmp_path: Path) -> None:

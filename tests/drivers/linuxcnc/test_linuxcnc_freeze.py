@@ -55,13 +55,14 @@ async def test_offsets_stand_still_from_the_first_touch_to_the_last_and_nothing_
         await bench.operator.ask("run", "part.ngc")
         await until(lambda: marked(bench, 1))
         await bench.nc.request_probing(17)
-        await bench.operator.ask("freeze", "talc_agent.py")
         await bench.operator.ask("hal", "setp", "motion.digital-in-03", "1")
         chunks = []
         async with asyncio.timeout(300):
             while not await marked(bench, 2):
+                await bench.operator.ask("freeze", "talc_agent.py")  # for less than the program would notice
                 chunks.append(np.array(await bench.operator.ask("sample", 2000, *SIGNALS)))
-        await bench.operator.ask("thaw", "talc_agent.py")
+                await bench.operator.ask("thaw", "talc_agent.py")
+                chunks.append(np.array(await bench.operator.ask("sample", 100, *SIGNALS)))
         told = await bench.nc.probing_status(17)
 
     rows = np.vstack(chunks)

@@ -2,6 +2,7 @@
 
 import configparser
 from collections.abc import Iterator
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -25,28 +26,33 @@ def modules(monkeypatch: pytest.MonkeyPatch) -> Any:
     return linuxcnc_module("talc_joints"), linuxcnc_module("talc_path")
 
 
-def path(modules: Any, on_abort: str = "O <talc_abort> call", **changed: str) -> Any:
-    """By talc.ini as shipped, with other values in [TALC]."""
+def path(modules: Any, on_abort: str = "O <talc_abort> call", joints: str = "XYZAC", **changed: str) -> Any:
+    """By talc.ini as shipped, with other values in [TALC]. joints: the axis of each, one letter twice for a gantry."""
     ini = configparser.RawConfigParser(strict=False)
     ini.optionxform = str  # type: ignore[assignment,method-assign]
     ini.read(FILES / "talc.ini")
     ini["TALC"].update(changed)
     ini["RS274NGC"]["ON_ABORT_COMMAND"] = on_abort
-    joints, paths = modules
-    return paths.ProbingPath(joints.MachineJoints(lambda section, name: ini.get(section, name, fallback=None), "mill"))
+    kind = {axis: dict(ini[f"JOINT_{n}"]) for n, axis in enumerate("XYZAC")}
+    ini.read_dict({f"JOINT_{n}": kind[axis] for n, axis in enumerate(joints)})
+    ini["KINS"].update(JOINTS=str(len(joints)), KINEMATICS=f"xyzac-trt-kins coordinates={joints}")
+    ini["TRAJ"]["COORDINATES"] = joints
+    machines, paths = modules
+    return paths.ProbingPath(
+        machines.MachineJoints(lambda section, name: ini.get(section, name, fallback=None), "mill")
+    )
 
 
-def spindle_at() -> Iterator[tuple[int, FloatArray]]:
-    """Pose, and a place of the spindle's gauge point that the cycle needs there, whatever is measured."""
+def spindle_at(a_deg: float, c_deg: float, off_mm: FloatArray) -> Iterator[FloatArray]:
+    """Places of the spindle's gauge point in a pose, when the first round has found the sphere this far off."""
     tool = np.array([PROBE[axis] for axis in "XYZ"])
-    for pose, (a, c) in enumerate(POSES, start=1):
-        centre = rotation_x(np.radians(a)) @ rotation_z(np.radians(c)) @ SPHERE
-        for axis in range(3):
-            for side in (-1.0, 1.0) if axis < 2 else (1.0,):
-                beside = centre.copy()
-                beside[axis] += side * (BALL_MM + REACH_MM)
-                above = np.array([*beside[:2], centre[2] + BALL_MM + CLEAR_MM])
-                yield from ((pose, place + tool) for place in (beside, above, np.array([*centre[:2], SAFE_MM])))
+    centre = rotation_x(np.radians(a_deg)) @ rotation_z(np.radians(c_deg)) @ SPHERE + off_mm
+    for axis in range(3):
+        for side in (-1.0, 1.0) if axis < 2 else (1.0,):
+            beside = centre.copy()
+            beside[axis] += side * (BALL_MM + REACH_MM)
+            above = np.array([*beside[:2], centre[2] + BALL_MM + CLEAR_MM])
+            yield from (place + tool for place in (beside, above, np.array([*centre[:2], SAFE_MM])))
 
 
 def test_as_shipped_a_probe_of_up_to_100_mm_finds_room_and_a_longer_one_is_refused(modules: Any) -> None:
@@ -59,20 +65,20 @@ def test_as_shipped_a_probe_of_up_to_100_mm_finds_room_and_a_longer_one_is_refus
     assert "needs Z = 310.0" in high.beyond(PROBE, limits), "it would have ended the part program in its first cycle"
 
 
-def test_every_place_of_every_pose_is_within_the_limits_or_the_cycle_is_refused(modules: Any) -> None:
-    it = path(modules)
-    assert it.beyond(PROBE, WIDE) == ""
-    places = list(spindle_at())
-    assert len(places) == 90
-    for pose, place in places:
-        for axis, at in zip("XYZ", place, strict=True):
-            for limits in ((at + 0.01, 1e4), (-1e4, at - 0.01)):
-                assert it.beyond(PROBE, WIDE | {axis: limits}) != "", (pose, axis, place)
-    # And no wider than a touch may be off: within twice REACH of the outermost places.
-    for i, axis in enumerate("XYZ"):
-        ends = [place[i] for _, place in places]
-        room = {axis: (min(ends) - 2 * REACH_MM, max(ends) + 2 * REACH_MM)}
-        assert it.beyond(PROBE, WIDE | room) == ""
+@pytest.mark.parametrize(("a", "c"), [*POSES, (60, 30), (-50, 200)])
+def test_a_pose_needs_the_travel_to_its_outermost_places_and_no_more(a: float, c: float, modules: Any) -> None:
+    """A touch finds the sphere up to REACH off its place, and the second round goes around where it was found."""
+    everywhere = {f"POSE_{pose}_{axis}": str(at) for pose in range(6) for axis, at in (("A", a), ("C", c))}
+    it = path(modules, **everywhere)
+    off = np.vstack([np.zeros(3), REACH_MM * np.eye(3), -REACH_MM * np.eye(3)])
+    places = np.array([place for mm in off for place in spindle_at(a, c, mm)])
+    for axis, low, high in zip("XYZ", places.min(axis=0), places.max(axis=0), strict=True):
+        for limits, fits in (
+            ((low - 1e-6, high + 1e-6), True),
+            ((low + 1e-3, 1e4), False),
+            ((-1e4, high - 1e-3), False),
+        ):
+            assert (it.beyond(PROBE, WIDE | {axis: limits}) == "") is fits, (axis, limits)
 
 
 @pytest.mark.parametrize(
@@ -85,6 +91,28 @@ def test_every_place_of_every_pose_is_within_the_limits_or_the_cycle_is_refused(
 )
 def test_the_table_s_axes_are_compared_too(limits: dict[str, tuple[float, float]], said: str, modules: Any) -> None:
     assert path(modules).beyond(PROBE, WIDE | limits).startswith(said)
+
+
+@pytest.mark.parametrize("end", ["min_position_limit", "max_position_limit"])
+@pytest.mark.parametrize(
+    ("coordinates", "joint", "needs"), [("XYZAC", 0, "X"), ("XYZAC", 2, "Z"), ("XYZAC", 3, "A"), ("XYYZAC", 2, "Y")]
+)
+def test_a_joint_that_reaches_less_far_than_its_axis_counts(
+    coordinates: str, joint: int, needs: str, end: str, modules: Any
+) -> None:
+    """Also the second one of a gantry."""
+    wide = {"min_position_limit": -1e4, "max_position_limit": 1e4}
+    it = path(modules, joints=coordinates)
+    probe = SimpleNamespace(id=99, **{f"{axis.lower()}offset": at for axis, at in PROBE.items()})
+    joints = [wide for _ in coordinates]
+    nc = SimpleNamespace(
+        axis=[wide] * 9, joint=joints, tool_table=[probe], joint_actual_position=[0.0] * len(coordinates)
+    )
+    assert it.obstacle(nc, 0.0) == ""
+    joints[joint] = wide | {end: 70.0 if end.startswith("max") else 64.0}
+    refused = it.obstacle(nc, 0.0)
+    assert refused.code == "beyond_travel"
+    assert f"needs {needs} = " in refused
 
 
 def test_the_pivot_the_turns_of_c_and_a_dry_run_s_height_count(modules: Any) -> None:
@@ -146,3 +174,13 @@ def test_whatever_the_path_is_made_of_changes_its_mark_and_nothing_else_does(mod
 def test_a_text_in_place_of_a_number_ends_linuxcnc_with_its_field(modules: Any) -> None:
     with pytest.raises(modules[0].Unfit, match=r"mill, \[TALC\] SAFE_Z = high: expected a number"):
         path(modules, SAFE_Z="high")
+
+
+@pytest.mark.parametrize(
+    ("tool", "z_mm", "low"),
+    [(99, 239.9, True), (99, 240.0, False), (99, 300.0, False), (1, 0.0, False), (0, 0.0, False)],
+)
+def test_the_probe_alone_is_low_below_the_safe_height(tool: int, z_mm: float, low: bool, modules: Any) -> None:
+    probe = SimpleNamespace(id=99, zoffset=40.0)
+    nc = SimpleNamespace(tool_in_spindle=tool, tool_table=[probe], joint_actual_position=[0.0, 0.0, z_mm, 0.0, 0.0])
+    assert path(modules, SAFE_Z="200").is_low(nc) is low

@@ -1,5 +1,7 @@
 """Block reads: few requests, within the device's limit, and never short of a register."""
 
+import re
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -8,7 +10,6 @@ from drivers.base import NoAnswer, Refused
 from drivers.modbus.answers import BlockAnswers
 from drivers.modbus.numbers import Block, as_in_manuals
 from drivers.modbus.plan import ReadPlan, plan_blocks
-from drivers.modbus.refusals import refusal
 
 
 def test_neighbours_are_read_at_once() -> None:
@@ -122,28 +123,14 @@ def test_what_was_answered_too_early_is_asked_for_again() -> None:
 
 
 @pytest.mark.parametrize(
-    ("number", "meant"),
-    [
-        (30101, "function 4, address 100"),
-        (300101, "function 4, address 100"),
-        (365536, "function 4, address 65535"),
-        (40001, "function 3, address 0"),
-        (400001, "function 3, address 0"),
-        (465536, "function 3, address 65535"),
-    ],
+    ("number", "function", "address"),
+    [(30101, 4, 100), (300101, 4, 100), (365536, 4, 65535), (40001, 3, 0), (400001, 3, 0), (465536, 3, 65535)],
 )
-def test_an_address_as_in_a_manual_is_explained(number: int, meant: str) -> None:
-    assert as_in_manuals(number) == f"addresses count from 0: a manual's {number} is {meant}"
+def test_an_address_as_in_a_manual_is_explained(number: int, function: int, address: int) -> None:
+    told = [int(word) for word in re.findall(r"\d+", as_in_manuals(number))]
+    assert told[-3:] == [number, function, address]
 
 
 @pytest.mark.parametrize("number", [0, 100, 30000, 40000, 50000, 65535, 300000, 365537, 465537])
 def test_another_address_is_not(number: int) -> None:
     assert as_in_manuals(number) == ""
-
-
-def test_a_refused_address_as_in_a_manual_is_explained() -> None:
-    """Some devices do have such addresses, so that `check` only warns of them."""
-    refused = refusal("rtu1", "rtd1", 1, Block(4, 30101, 2), 2)
-    assert "exception 2: illegal data address (addresses count from 0: a manual's 30101 is function 4" in str(refused)
-    other = refusal("rtu1", "rtd1", 1, Block(4, 30101, 2), 3)
-    assert "does the profile fit the device?" in str(other), "it does not say that the address is wrong"

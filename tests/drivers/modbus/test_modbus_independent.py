@@ -2,7 +2,8 @@
 twice."""
 
 import asyncio
-from collections.abc import AsyncIterator, Callable
+from collections import Counter
+from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager
 
 import pytest
@@ -11,8 +12,8 @@ from drivers.base import Driver, NoAnswer, Quality, SystemClock
 from drivers.build import make_device
 from drivers.modbus.answers import BlockAnswers
 from drivers.modbus.bus import ModbusTcpBus
-from drivers.modbus.habits import Habits
 from drivers.modbus.numbers import Block
+from drivers.modbus.requests import Requests
 from drivers.modbus.rtu import ModbusRtuBus
 from drivers.modbus.settings import ModbusTcpSettings
 from simulators.devices import M7015, RtuLine
@@ -61,19 +62,45 @@ def test_values_that_are_read_between_two_states_keep_their_order() -> None:
 
 
 def test_a_unit_whose_missing_answers_come_is_waited_for_and_another_one_is_not() -> None:
-    habits = Habits()
-    assert habits.patience_s(1) == 0.0
-    assert not habits.loses(1)
+    requests, now_s = Requests(numbered=False), 0.0
+    answer, other = bytes((4, 2, 0, 7)), bytes((4, 4, 0, 7, 0, 8))
+
+    def is_missing(unit: int, *, comes: bool) -> None:
+        nonlocal now_s
+        now_s += 1.0
+        requests.begin(unit, now_s)
+        requests.sent(unit, ONE, now_s)
+        requests.missed(unit, ONE)
+        if comes:
+            assert requests.came(unit, answer, now_s + 0.6)
+        else:
+            requests.sent(unit, TWO, now_s + 0.5)
+            assert requests.came(unit, other, now_s + 0.6)
+        requests.begin(unit, now_s + 0.7)
+
+    assert requests.patience_s(1) == 0.0
+    assert not requests.loses(1)
     for _ in range(3):
-        habits.was_late(1, 0.6)
-        habits.was_lost(2)
-    assert habits.patience_s(1) == pytest.approx(1.25 * 0.6)
-    assert (habits.loses(1), habits.loses(2), habits.loses(3)) == (False, True, False)
-    assert habits.patience_s(2) == 0.0
+        is_missing(1, comes=True)
+        is_missing(2, comes=False)
+    assert requests.patience_s(1) == pytest.approx(1.25 * 0.6)
+    assert (requests.loses(1), requests.loses(2), requests.loses(3)) == (False, True, False)
+    assert requests.patience_s(2) == 0.0
     for _ in range(12):
-        habits.was_lost(1)
-    assert habits.patience_s(1) == 0.0
-    assert habits.loses(1)
+        is_missing(1, comes=False)
+    assert requests.patience_s(1) == 0.0
+    assert requests.loses(1)
+
+
+def first(lost: Mapping[int, int]) -> Callable[[int], bool]:
+    """Loses so many answers of each function."""
+    left = Counter(lost)
+
+    def swallow(function: int) -> bool:
+        left[function] -= 1
+        return left[function] >= 0
+
+    return swallow
 
 
 @asynccontextmanager
@@ -103,13 +130,7 @@ async def module(swallow: Callable[[int], bool]) -> AsyncIterator[tuple[Driver, 
 
 
 async def test_a_lost_block_does_not_keep_the_other_from_being_read() -> None:
-    lost = {FC_BITS: 2, FC_VALUES: 1}
-
-    def swallow(function: int) -> bool:
-        lost[function] -= 1
-        return lost[function] >= 0
-
-    async with module(swallow) as (driver, asked):
+    async with module(first({FC_BITS: 2, FC_VALUES: 1})) as (driver, asked):
         with pytest.raises(NoAnswer) as nothing:
             await driver.read()
         assert not nothing.value.heard
@@ -123,13 +144,7 @@ async def test_a_lost_block_does_not_keep_the_other_from_being_read() -> None:
 
 
 async def test_a_check_that_was_disturbed_continues_where_it_was() -> None:
-    lost = {FC_COIL: 0, FC_TYPES: 1, FC_BITS: 0, FC_VALUES: 0}
-
-    def swallow(function: int) -> bool:
-        lost[function] -= 1
-        return lost[function] >= 0
-
-    async with module(swallow) as (driver, asked):
+    async with module(first({FC_TYPES: 1})) as (driver, asked):
         await driver.close()
         with pytest.raises(NoAnswer) as nothing:
             await driver.connect()
@@ -139,13 +154,7 @@ async def test_a_check_that_was_disturbed_continues_where_it_was() -> None:
 
 
 async def test_a_check_that_was_disturbed_begins_again_once_another_module_may_answer() -> None:
-    lost = {FC_COIL: 0, FC_TYPES: 1, FC_BITS: 0, FC_VALUES: 0}
-
-    def swallow(function: int) -> bool:
-        lost[function] -= 1
-        return lost[function] >= 0
-
-    async with module(swallow) as (driver, asked):
+    async with module(first({FC_TYPES: 1})) as (driver, asked):
         await driver.close()
         with pytest.raises(NoAnswer):
             await driver.connect()

@@ -125,7 +125,7 @@ async def test_a_busy_unit_is_asked_again_later_in_the_same_period(tmp_path: Pat
     assert are_right(heard)
     assert notices == []
     in_one = [at_s - began_s - 3 for at_s, _, _ in host.asked if 2.95 < at_s - began_s < 3.95]
-    assert in_one == pytest.approx([0, 0.05, 0.15, 0.25, 0.35], abs=0.02)
+    assert in_one == pytest.approx([0, 0.05, 0.15, 0.35], abs=0.02)
 
 
 async def test_a_unit_that_stays_busy_says_so_and_is_read_as_soon_as_it_can_be(tmp_path: Path) -> None:
@@ -142,7 +142,7 @@ async def test_a_unit_that_stays_busy_says_so_and_is_read_as_soon_as_it_can_be(t
 
 async def test_a_request_alone_says_that_the_unit_is_busy() -> None:
     async with modbus_host(RefusingHost(lambda *_: 6).serve, TIMEOUT_S) as bus:
-        with pytest.raises(Busy, match="exception 6: device busy"):
+        with pytest.raises(Busy, match="exception 6"):
             await bus.read("d", 1, Block(3, 0, 2))
 
 

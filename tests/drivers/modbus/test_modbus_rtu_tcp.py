@@ -138,13 +138,14 @@ async def test_a_damaged_answer_is_refused() -> None:
 
 
 @pytest.mark.parametrize(
-    ("profile", "unit", "message"),
+    ("profile", "unit", "code"),
     [
-        ("icpdas_m7015", 0, "unit = 0: expected 1 to 247 on a modbus_rtu_tcp bus"),
-        ("advantech_adam6015", 1, "profile advantech_adam6015 does not fit a modbus_rtu_tcp bus"),
+        ("icpdas_m7015", 0, "unit_beyond"),
+        ("advantech_adam6015", 1, "profile_misfit"),
     ],
 )
-def test_what_no_serial_line_has_is_refused(profile: str, unit: int, message: str) -> None:
+def test_what_no_serial_line_has_is_refused(profile: str, unit: int, code: str) -> None:
     bus = make_bus("b", "modbus_rtu_tcp", {"host": "nowhere", "port": 4001})
-    with pytest.raises(SetupError, match=message):
+    with pytest.raises(SetupError) as raised:
         make_device("d", bus, profile, unit, {"a": 0}, {}, SystemClock())
+    assert (raised.value.what.code, raised.value.what.values["kind"]) == (code, "modbus_rtu_tcp")

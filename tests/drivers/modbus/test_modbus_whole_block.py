@@ -11,6 +11,7 @@ from drivers.build import make_device
 from drivers.profiles import load_profile
 from tests.benches.driver_reads import told
 from tests.benches.modbus_host import modbus_host
+from tests.benches.refusals import refusing
 
 pytestmark = pytest.mark.simulated_time
 
@@ -90,5 +91,5 @@ async def test_a_whole_that_is_refused_is_not_divided(tmp_path: Path) -> None:
 
 
 def test_one_that_is_longer_than_an_answer_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(SetupError, match=r"whole\[0\]\.count"):
+    with refusing(SetupError, "whole[0].count: modbus_whole_long"):
         load_profile(written(tmp_path, "max_registers = 10\n" + PROFILE + WHOLE))

@@ -148,21 +148,20 @@ async def test_an_address_or_machine_that_the_server_does_not_have_is_reported(a
 
 
 @pytest.mark.parametrize(
-    ("changed", "says"),
+    ("changed", "code"),
     [
-        ({"url": "https://127.0.0.1:5000"}, r"url: 'https://127\.0\.0\.1:5000': expected http://HOST:PORT"),
-        ({"url": "http://127.0.0.1:99999"}, "url: .*expected http://HOST:PORT"),
-        (
-            {"positions": {"X": "Xpos", "Y": "Ypos"}},
-            "positions: X, Y: expected the id of a data item for each of X, Y, Z",
-        ),
-        ({"mode": "a b"}, "mode: 'a b': expected the id of a data item"),
-        ({"machine": "../probe?x"}, "machine: .*expected the name or uuid"),
+        ({"url": "https://127.0.0.1:5000"}, "http_url"),
+        ({"url": "http://127.0.0.1:99999"}, "http_url"),
+        ({"positions": {"X": "Xpos", "Y": "Ypos"}}, "mtconnect_positions"),
+        ({"mode": "a b"}, "mtconnect_an_id"),
+        ({"machine": "../probe?x"}, "mtconnect_a_machine"),
     ],
 )
-def test_settings_that_cannot_work_are_refused(changed: dict[str, object], says: str) -> None:
-    with pytest.raises(SetupError, match=says):
+def test_settings_that_cannot_work_are_refused(changed: dict[str, object], code: str) -> None:
+    with pytest.raises(SetupError) as raised:
         control("http://127.0.0.1:5000", **changed)
+    assert raised.value.field == tuple(changed)
+    assert raised.value.what.says(code)
 
 
 @asynccontextmanager
@@ -313,6 +312,8 @@ class Rewritten:
     """An agent whose documents are written by hand: positions all 2.0 in a unit, of one instance."""
 
     unit, instance, encoding = "MILLIMETER", 1, "UTF-8"
+    described = observed = 0
+    """How often X is described, and observed with another value, beyond once."""
 
     def __init__(self) -> None:
         self.probes = 0
@@ -324,8 +325,10 @@ class Rewritten:
             f'<DataItem id="{axis}pos" name="Größe" units="{self.unit if axis in "XYZ" else "DEGREE"}"/>'
             if probe
             else f'<P dataItemId="{axis}pos">2.0</P>'
-            for axis in "XYZAC"
+            for axis in "XYZAC" + "X" * self.described * probe
         )
+        if not probe:
+            body += '<P dataItemId="Xpos">3.0</P>' * self.observed
         head = f'<?xml version="1.0" encoding="{self.encoding}"?><M><Header sender="Süd" instanceId="{self.instance}"/>'
         writer.write(http_answer(f"{head}{body}</M>".encode(self.encoding)))
         writer.close()
@@ -361,6 +364,18 @@ async def test_a_unit_that_changes_without_a_restart_is_noticed_within_a_minute(
         clock.move_to(60.0)
         with pytest.raises(WrongDevice):
             await nc.snapshot()
+
+
+@pytest.mark.parametrize(
+    ("described", "observed", "says"),
+    [(1, 0, "positions.X = 'Xpos': several data items"), (0, 1, "Xpos = '2.0 and 3.0': expected a number")],
+)
+async def test_an_id_of_two_data_items_is_nobodys(described: int, observed: int, says: str) -> None:
+    agent = Rewritten()
+    agent.described, agent.observed = described, observed
+    async with stream_server(agent.serve) as port:
+        with pytest.raises(DriverError, match=says):
+            await control(f"http://127.0.0.1:{port}", **POSITIONS_ONLY).connect()
 
 
 @pytest.mark.parametrize("encoding", ["ISO-8859-1", "windows-1252", "UTF-16"])

@@ -9,6 +9,7 @@ from drivers.base import BadAnswer, ConnectError
 from drivers.mtconnect.make import suggest_mtconnect
 from drivers.mtconnect.suggest import SuggestedItems, suggested_items
 from tests.benches.mtconnect_agent import mtconnect_agent
+from tests.benches.refusals import refusing
 
 pytestmark = pytest.mark.filterwarnings("ignore:datetime:DeprecationWarning")
 LIMIT_S = 60.0
@@ -105,7 +106,7 @@ def test_a_document_that_describes_no_machine_is_reported(document: bytes, says:
 
 
 def test_an_agent_that_cannot_be_read_is_a_drivers_error(tmp_path: Path) -> None:
-    with mtconnect_agent(tmp_path) as (_, url), pytest.raises(BadAnswer, match="probe: HTTP status 404"):
+    with mtconnect_agent(tmp_path) as (_, url), refusing(BadAnswer, "mtc_status request=probe status=404 mtc_check"):
         asyncio.run(suggest_mtconnect(url, "lathe", LIMIT_S))
-    with pytest.raises(ConnectError, match="Connection refused"):
+    with refusing(ConnectError, "mtc_failed why=Connection_refused"):
         asyncio.run(suggest_mtconnect("http://127.0.0.1:9", "", LIMIT_S))

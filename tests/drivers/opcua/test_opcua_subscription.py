@@ -74,6 +74,7 @@ async def test_a_control_that_refuses_subscriptions_is_asked() -> None:
         assert (await nc.snapshot()).mode is OperatingMode.JOG
 
 
+@pytest.mark.slow
 async def test_the_subscription_is_back_after_the_control_was_away() -> None:
     async with watched() as (nc, control):
         await control.stop()

@@ -165,6 +165,9 @@ async def test_a_dry_run_is_asked_for_once_a_call_has_shown_the_version_and_only
     await bench.nc.request_probing(1, 50.0)
     assert (await bench.nc.probing_status(1)).state is ProbingState.REQUESTED
     assert (nck.r[R_VERSION], nck.r[R_REQUEST]) == (0.0, 0.0)
+    nck.r[R_VERSION] = -1.0  # another gateway's, of a dry run that no call has seen
+    assert (await bench.nc.probing_status(1)).state is ProbingState.REQUESTED
+    assert nck.r[R_REQUEST] == 0.0
     bench.clock.move_to(81.0)
     assert (await bench.nc.probing_status(1)).state is ProbingState.REQUESTED
     assert (nck.r[R_VERSION], nck.r[R_DRY_RUN], nck.r[R_REQUEST]) == (-1.0, 50.0, 1.0), "a dry run, whatever R63 says"
@@ -208,11 +211,11 @@ async def test_whether_it_knows_dry_runs_is_what_each_snapshot_shows(bench: OpcU
     """And not what was there at `connect`, which the power may have been switched off and on since."""
     nck, shown = bench.control.nck, list[bool | None]()
     assert isinstance(bench.nc, RunsDry)
-    for version in (2.0, 0.0, 1.0, math.nan, 2.0):
+    for version in (2.0, 0.0, 1.0, math.nan, -1.0, 2.0):
         nck.version, nck.r[R_VERSION] = 0, version
         await bench.nc.snapshot()
         shown.append(bench.nc.runs_dry)
-    assert shown == [True, None, False, None, True]
+    assert shown == [True, None, False, None, None, True]
 
 
 async def test_a_height_that_another_program_changes_makes_no_measurement_and_no_dry_run(
@@ -273,6 +276,9 @@ async def test_withdrawn_before_and_during_the_cycle(bench: OpcUaBench, wait_s: 
     await bench.nc.request_probing(1)
     bench.clock.move_to(wait_s)
     await bench.nc.withdraw_probing(1)
+    if state is ProbingState.REFUSED:
+        assert (await bench.nc.probing_status(1)).state is ProbingState.REQUESTED, "a control looks at its safe point"
+        bench.clock.move_to(81.0)
     status = await bench.nc.probing_status(1)
     assert (status.state, status.reason) == (state, "withdrawn")
     bench.clock.move_to(400.0)

@@ -33,7 +33,9 @@ from tests.benches.watchdog_programs import WATCHDOG_CASES, Control, run_at_powe
 HAND = Handshake()
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(
+    "case", [pytest.param(case, marks=[pytest.mark.slow] * (i % 4 > 0)) for i, case in enumerate(CASES)]
+)
 def test_whatever_happens_it_ends_as_it_has_to(case: str) -> None:
     assert CASES[case](program_texts()) == []
 
@@ -71,11 +73,12 @@ def test_no_state_comes_without_its_number_and_the_offsets_are_let_go_where_they
 
 
 def test_every_reason_that_a_program_gives_has_a_text() -> None:
-    given = {1, 2, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16}
+    given = {1, 2, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18}
     assert given <= {code for code, text in PROBING_REASONS.items() if text}
     assert len(set(PROBING_REASONS.values())) == len(PROBING_REASONS)
 
 
+@pytest.mark.slow
 def test_a_statement_that_is_deleted_is_missed() -> None:
     """All of them: python -m tests.benches.nc_deleted."""
     texts = program_texts()
@@ -90,7 +93,7 @@ def test_a_statement_that_is_deleted_is_missed() -> None:
 
 
 @pytest.mark.slow(minutes=1)
-@pytest.mark.parametrize("at", range(0, 500, 41))
+@pytest.mark.parametrize("at", range(0, 500, 123))
 def test_at_any_move_a_reset_a_hand_and_a_stuck_probe_make_the_cycle_void(at: int) -> None:
     texts = program_texts()
     usual = Cell(texts=texts)
@@ -101,6 +104,7 @@ def test_at_any_move_a_reset_a_hand_and_a_stuck_probe_make_the_cycle_void(at: in
     assert jogged_within(texts, next(n for n in range(at, at + 9) if usual.moves[n].met)) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("program", WATCHDOG_CASES)
 def test_the_watchdog_s_programs_start_from_any_state_leave_it_and_watch(program: str) -> None:
     """From 620 of them: python -m tests.benches.watchdog_programs."""

@@ -147,9 +147,9 @@ async def test_a_program_for_other_data_is_refused_by_name() -> None:
             await nc.write_errors(SENT)
         assert emulated.nck.r[WANTED : WANTED + 9] == [0.0] * 9
         emulated.nck.r[OF_PROGRAM] = 1.0
-        with pytest.raises(BadAnswer, match="version 1: expected 2"):
+        with pytest.raises(BadAnswer, match="version 1: expected 3"):
             await nc.connect()
-        emulated.nck.r[OF_PROGRAM], emulated.nck.r[125] = 2.0, 0.0
+        emulated.nck.r[OF_PROGRAM], emulated.nck.r[125] = 3.0, 0.0
         with pytest.raises(BadAnswer, match="a term of 0 or less"):
             await nc.connect()
 
@@ -165,7 +165,7 @@ async def test_the_length_of_the_tool_in_use_shifts_the_positions_and_reaches_th
     read: dict[str, Any] = {"nodes": Paths(tool_length="/Channel/State/actToolLength1[u1]"), "origin_tool_mm": 80.0}
     program_with_tool = errors_program(settings().model_copy(update=read), TERMS)
     async with control(program(), **read) as (_, nc, _):
-        with pytest.raises(Refused, match="takes tools longer by 0 mm, the configuration by 300"):
+        with pytest.raises(Refused, match="takes tools longer by -300 mm, the configuration by 300"):
             await nc.connect()
     async with control(program_with_tool, **read) as (emulated, nc, clock):
         await nc.connect()
@@ -183,6 +183,36 @@ async def test_the_length_of_the_tool_in_use_shifts_the_positions_and_reaches_th
             emulated.nck.tool_length_mm = wrong
             with pytest.raises(BadAnswer, match="actToolLength1"):
                 await nc.snapshot()
+
+
+async def test_a_program_that_reads_the_length_of_the_tool_needs_no_node_and_an_impossible_one_is_told() -> None:
+    async with control(
+        errors_program(settings(), TERMS), nodes=Paths(tool_length="/Channel/State/actToolLength1[u1]")
+    ) as (
+        _,
+        nc,
+        _,
+    ):
+        with pytest.raises(Refused, match="takes tools longer by -300 mm, the configuration by 300"):
+            await nc.connect()
+    async with control(program()) as (emulated, nc, clock):
+        await nc.connect()
+        await nc.claim(7, WATCH)
+        clock.move_to(1.0)
+        assert await nc.heartbeat(7)
+        heights = []
+        for length in (0.0, 100.0, 0.0):
+            emulated.nck.tool_length_mm = length
+            clock.move_to(clock.monotonic() + 1.0)
+            assert await nc.heartbeat(7)
+            await nc.read_errors(RADIUS_MM)
+            await nc.write_errors(SENT)
+            heights.append((await nc.snapshot()).positions["Z"])
+        assert np.array(heights) - heights[0] == pytest.approx([0.0, -100.0, -100.0]), "D0 counts as no change"
+        emulated.nck.tool_length_mm = 400.0
+        clock.move_to(clock.monotonic() + 1.0)
+        with pytest.raises(BadAnswer, match="= 400: a tool 400 mm longer than that of the origin"):
+            await nc.heartbeat(7)
 
 
 @pytest.mark.slow

@@ -235,12 +235,6 @@ async def test_few_readings_are_lost(case: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("case", CASES)
-@pytest.mark.parametrize("timeout_s", [None, TIMEOUT_S])
-async def test_few_readings_are_lost_by_another_seed(case: str, timeout_s: float | None) -> None:
-    await judge(case, 1, timeout_s)
-
-
 def test_a_master_that_asks_for_two_blocks_loses_the_periods_in_which_both_answers_are_late() -> None:
     """0.2 x 0.2 of them, by the binomial distribution; so a goal of 3 of 60 cannot be reached in every run."""
     runs, share = 20_000, 0.2**2
@@ -252,7 +246,7 @@ def test_a_master_that_asks_for_two_blocks_loses_the_periods_in_which_both_answe
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("timeout_s", [None, TIMEOUT_S, PERIOD_S])
+@pytest.mark.parametrize("timeout_s", [None, PERIOD_S])
 async def test_a_unit_that_answers_in_order_loses_little_more_than_it_must(timeout_s: float | None) -> None:
     """It also loses much less than pymodbus' own client with as short a timeout and three attempts."""
     requests = (Block(4, 0, 6), Block(2, 128, 6))

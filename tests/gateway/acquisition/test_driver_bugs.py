@@ -147,6 +147,7 @@ async def test_a_device_that_fails_to_say_whether_it_is_asked_later_ends_no_othe
     assert len([record for record in caplog.records if record.exc_info]) == 1
 
 
+@pytest.mark.slow
 async def test_a_bug_that_comes_and_goes_has_its_traceback_in_the_log_once(caplog: pytest.LogCaptureFixture) -> None:
     plant = ScriptedPlant("a")
     async with plant.running():

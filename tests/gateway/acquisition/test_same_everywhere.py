@@ -186,6 +186,7 @@ def test_a_read_that_hangs(tmp_path: Path) -> None:
     assert "4 channels not good at the end" in recorded.err
 
 
+@pytest.mark.slow
 def test_devices_of_two_wires_from_the_scan_that_found_them_to_the_service(tmp_path: Path) -> None:
     """At 600 baud, which a configuration once refused. Each command reads with what `scan` wrote."""
     file = tmp_path / "gateway.toml"

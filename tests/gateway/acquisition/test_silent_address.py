@@ -74,6 +74,7 @@ class _MutedRegisters(dict[int, int]):
 CHANNELS = "{ muteUNIT = 0, mute_tooUNIT = 1, loudUNIT = 2 }"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "mute", "begins"),
     [

@@ -27,7 +27,9 @@ from gateway.model.events import (
 from gateway.model.probing import Outcome
 from gateway.model.sample import Sample
 from gateway.model.text import plain
+from gateway.storage.epochs import Position
 from gateway.storage.history import History
+from gateway.storage.row_pages import RowsPage, rows_after
 from gateway.storage.store import Store
 from talc.control import Controller
 from talc.frame import Event, EventKind, Frame, Measurement, Why
@@ -123,6 +125,33 @@ def test_a_backup_is_whole_while_the_gateway_writes(running: Path) -> None:
     assert sorted(p.name for p in running.parent.glob("copy*")) == ["copy.sqlite"]
 
 
+def test_another_computer_goes_on_from_a_backup_without_readings(running: Path) -> None:
+    copy = running.with_name("copy.sqlite")
+    assert here("db", "backup", running, "-o", copy, "--without-readings").code == 0
+    assert here("db", "check", copy).together == f"{copy}: whole\n"
+    learnt = [path.with_suffix(".json") for path in (running, copy)]
+    for database, file in zip((running, copy), learnt, strict=True):
+        assert here("db", "export-learnt", database, "-o", file).code == 0
+    assert learnt[0].read_text(encoding="utf-8") == learnt[1].read_text(encoding="utf-8")
+    with History(copy) as history:
+        assert (history.last_number(), history.paused() is not None) == (7, True)
+    assert [row["sequence"] for row in exported(copy, "readings")] == [str(STEPS - 1)], "so that numbers go on"
+    had = page_after(running, None)
+    with Store(copy, "boot on another computer", SteppedClock()) as store:
+        store.begin("{}", "", "")
+        store.record(ReadingsTaken([Sample("bed", 40.0, "degC", Quality.GOOD, EPOCH, 0.0, sequence=0)]))
+        store.flush()
+        new = page_after(copy, Position(str(had.epoch), had.numbers[-1]))
+        assert (len(new.numbers), new.thinned) == (1, None), "a collector gets what it did not have"
+        assert page_after(copy, None).thinned == had.numbers[-1] - 1, "and is told what is missing"
+
+
+def page_after(database: Path, position: Position | None) -> RowsPage:
+    found = rows_after(database, {"readings": position}, 100)["readings"]
+    assert isinstance(found, RowsPage)
+    return found
+
+
 def test_stats_tell_rows_and_sizes(running: Path) -> None:
     answer = here("db", "stats", running)
     assert answer.code == 0, answer.together
@@ -151,3 +180,25 @@ def test_check_names_a_damaged_page_of_readings(running: Path) -> None:
         file.seek((page - 1) * size)
         file.write(bytes(size))
     assert here("db", "check", copy).code == 1
+
+
+@pytest.mark.parametrize("damage", ["cut", "no JSON", "no text"])
+def test_of_a_damaged_database_each_command_says_so_and_what_to_do(damage: str, running: Path) -> None:
+    copy = running.with_name("copy.sqlite")
+    assert here("db", "backup", running, "-o", copy).code == 0
+    if damage == "cut":
+        copy.write_bytes(copy.read_bytes()[:-4096])
+    elif damage == "no JSON":
+        with closing(sqlite3.connect(copy)) as connection, connection:
+            connection.execute("UPDATE decision SET events = '[{' WHERE k = 3")
+    else:
+        content = copy.read_bytes()
+        copy.write_bytes(content.replace(b"CREATE TABLE event", b"CREATE TABLE \xcc\xd5ent"))
+    said = 0
+    for command in (("db", "stats"), ("db", "export-learnt"), ("db", "backup"), ("replay",), ("report",)):
+        output = () if command in (("db", "stats"), ("replay",)) else ("-o", copy.with_name(f"{command[-1]}.json"))
+        answer = here(*command, copy, *output)
+        assert answer.code in (0, 1, 3), answer.together
+        assert (answer.code == 3) == ("error: " in answer.together)
+        said += answer.code == 3
+    assert said >= 2

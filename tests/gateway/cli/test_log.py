@@ -5,6 +5,9 @@ import subprocess
 import sys
 from pathlib import Path
 
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text, languages
+
 PROGRAM = """
 import logging
 from gateway.runtime.log import log_to_stderr
@@ -17,6 +20,23 @@ try:
 except ZeroDivisionError:
     log.exception("failed")
 """
+
+
+SAYS = """
+import logging
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
+from gateway.runtime.log import log_to_stderr
+log_to_stderr(logging.INFO)
+logging.getLogger("gateway.nc").warning("%s", Text(NoticeCode.CLOCK_SET, by_s=2.0))
+"""
+
+
+def test_it_is_in_the_language_of_the_environment() -> None:
+    for language in languages():
+        environment = {**os.environ, "LC_ALL": language, "JOURNAL_STREAM": ""}
+        said = subprocess.run([sys.executable, "-c", SAYS], capture_output=True, check=True, env=environment).stderr
+        assert said.decode().rstrip().endswith(Text(NoticeCode.CLOCK_SET, by_s=2.0).in_language(language))
 
 
 def lines(folder: Path, journal: bool) -> list[str]:

@@ -18,6 +18,7 @@ kind = "sinumerik"
 url = "opc.tcp://192.168.214.1:4840"
 security = "none"
 origin_mm = [0.0, 10.0, -50.0]
+origin_tool_mm = 80.0
 [nc.compensation]
 route = "errors"
 travel_mm = [[-300.0, 300.0], [-200.0, 250.0], [-400.0, 0.0]]
@@ -49,7 +50,7 @@ def files(folder: Path, text: str) -> Result:
 def test_the_program_contains_the_machine_s_data(tmp_path: Path) -> None:
     done = files(tmp_path, CONFIG)
     assert done.exit_code == 0, done.output
-    assert "TALC_ERRORS.SPF: 40 synchronised actions" in done.output
+    assert "TALC_ERRORS.SPF: 42 synchronised actions" in done.output
     written = (tmp_path / "TALC_ERRORS.SPF").read_bytes()
     assert written.count(b"\r\n") == written.count(b"\n"), "as the control's editor has it"
     config = load(tmp_path / "gateway.toml")
@@ -71,7 +72,7 @@ def test_the_program_contains_the_machine_s_data(tmp_path: Path) -> None:
     ("old", "new", "cause"),
     [
         ('route = "errors"', 'route = "k0_slope"', "only 'errors' needs a generated program"),
-        ("travel_mm = [[-300.0, 300.0], [-200.0, 250.0], [-400.0, 0.0]]", "", "travel_mm is missing"),
+        ("travel_mm = [[-300.0, 300.0], [-200.0, 250.0], [-400.0, 0.0]]", "", "travel_mm: missing"),
         ('"Z1"', '"X1"', "expected four different names"),
     ],
 )

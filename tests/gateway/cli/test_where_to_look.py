@@ -23,8 +23,3 @@ def test_the_help_says_where_a_command_looks(command: str) -> None:
     told = " ".join(here(command, "--help").out.split())
     assert f"[default: {HERE}]" in told
     assert f"[default: {PREFIX}]" in told
-
-
-@pytest.mark.parametrize("command", ["opcua", "web"])
-def test_the_help_says_under_which_prefix_machines_are_shown(command: str) -> None:
-    assert f"Default: as in CONFIG, otherwise {PREFIX}." in " ".join(here(command, "--help").out.split())

@@ -2,8 +2,9 @@
 
 import asyncio
 import re
+import shlex
 import sys
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Iterator, Mapping
 from contextlib import asynccontextmanager, contextmanager
 from pathlib import Path
 from shutil import copy
@@ -16,10 +17,11 @@ from cryptography.x509.oid import ExtendedKeyUsageOID
 
 from gateway.cli.main import main
 from gateway.commissioning import init as command
+from gateway.commissioning.scan.first import read_answers
 from gateway.commissioning.scan.ports import ScanPort
-from gateway.config.file import load
+from gateway.config.file import draft, load
 from gateway.runtime.clocks import RealClock
-from simulators.devices import M7015, Adam6015, RtuLine, TcpHost
+from simulators.devices import M7015, Adam6015, Cia404Node, RtuLine, SlcanAdapter, TcpHost
 from simulators.nc import Activity, DayPart, EmulatedControl, LoadCase, MeanLoads, Security, User
 from simulators.nc.access import APPLICATION_URI
 from tests.benches.command import beside, here
@@ -78,6 +80,29 @@ async def encrypted_control(folder: Path) -> AsyncIterator[str]:
     await asyncio.get_running_loop().shutdown_default_executor()
 
 
+class Holding:
+    """A Modbus unit that no supplied profile fits: a few holding registers from 0 on."""
+
+    silent = False
+
+    def __init__(self, *registers: int) -> None:
+        self._registers = dict(enumerate(registers))
+
+    def memory(self, function: int) -> Mapping[int, int]:
+        return self._registers if function == 3 else {}
+
+
+@asynccontextmanager
+async def adapter_with(node: Cia404Node) -> AsyncIterator[str]:
+    adapter = SlcanAdapter([node], bitrate=250_000)
+    node.start(adapter.send)
+    try:
+        yield await adapter.start()
+    finally:
+        node.stop()
+        await adapter.stop()
+
+
 def module() -> TcpHost:
     return TcpHost({1: Adam6015(lambda: SEVEN)})
 
@@ -95,7 +120,7 @@ def init(*arguments: str, typed: str = "") -> Result:
 def test_typed_answers_make_a_configuration_that_check_accepts(tmp_path: Path) -> None:
     file = tmp_path / "gateway.toml"
     with answering(module()) as port:
-        done = init(str(file), typed=f"mill 7\nmill_7\n127.0.0.1:{port}\nsinumerik\n\n\n\n")
+        done = init(str(file), typed=f"mill 7\nmill_7\n127.0.0.1:{port}\n\nsinumerik\n\n\n\n")
     assert done.exit_code == 0, done.output
     assert "expected a letter, then letters, digits" in done.output, "and asked again"
     assert "1 answered, 1 recognised" in done.output
@@ -118,10 +143,10 @@ def test_typed_answers_make_a_configuration_that_check_accepts(tmp_path: Path) -
 @pytest.mark.parametrize(
     ("answers", "said"),
     [
-        ('hosts = ["127.0.0.1:99999"]', "'127.0.0.1:99999': expected a port from 1 to 65535"),
-        ('hosts = ["127.0.0.1:0"]', "'127.0.0.1:0': expected a port from 1 to 65535"),
+        ('hosts = ["127.0.0.1:99999"]', "'127.0.0.1:99999': expected a port of 1 to 65535"),
+        ('hosts = ["127.0.0.1:0"]', "'127.0.0.1:0': expected a port of 1 to 65535"),
         ('[control]\nkind = "sinumerik"\nurl = "192.168.1.1"', "'192.168.1.1': expected opc.tcp://host:port"),
-        ('hosts = ["http://adam"]', "hosts number 1: 'http://adam': expected a port from 1 to 65535"),
+        ('hosts = ["http://adam"]', "hosts number 1: 'http://adam': expected a port of 1 to 65535"),
         ('hosts = ["adam/6015"]', "hosts number 1: 'adam/6015': expected the name or address of a host, or host:port"),
         ('serial = ["socket://127.0.0.1:4001"]', "serial number 1: 'socket://127.0.0.1:4001': expected the path of a "
          "serial port; for a device server: talc-gateway scan tcp --rtu HOST:PORT"),
@@ -137,7 +162,7 @@ def test_an_answer_that_leads_nowhere_is_refused_before_anything_is_scanned(
     done = here("init", str(tmp_path / "gateway.toml"), "--answers", str(tmp_path / "answers.toml"))
     assert done.code == 2
     assert said in done.err
-    assert done.err.count("\n") == 1
+    assert done.err.count("answers.toml: ") == 1
     assert "requests" not in done.together
 
 
@@ -160,7 +185,7 @@ def test_an_mtconnect_agent_is_asked_for_its_data_items_and_probe_reads_them(tmp
     with answering(module()) as port, mtconnect_agent(tmp_path) as (agent, url):
         for item in ("Xpos", "Ypos", "Zpos", "Apos", "Cpos", "Srpm", "Xfrt", "Cfrt"):
             agent.push_data(item, 12.5)
-        done = init(str(file), typed=f"mill\n127.0.0.1:{port}\nmtconnect\n{url}\n\n")
+        done = init(str(file), typed=f"mill\n127.0.0.1:{port}\n\nmtconnect\n{url}\n\n")
         assert done.exit_code == 0, done.output
         assert CliRunner().invoke(main, ["check", str(file)]).exit_code == 0
         probed = CliRunner().invoke(main, ["probe", str(file)])
@@ -173,11 +198,12 @@ def run_on(file: Path, name: str) -> Result:
     return CliRunner().invoke(main, [name, str(file)], env={"COLUMNS": "200"})
 
 
+@pytest.mark.slow
 def test_probe_reads_a_sinumerik_with_what_was_written_once_its_files_are_there(tmp_path: Path) -> None:
     """Encrypted, with user and certificates; nothing of the written text is changed."""
     file = tmp_path / "gateway.toml"
     with answering(module()) as port, beside(encrypted_control(tmp_path)) as url:
-        done = init(str(file), typed=f"mill\n127.0.0.1:{port}\nsinumerik\n{url}\ntalc\n{tmp_path}\n")
+        done = init(str(file), typed=f"mill\n127.0.0.1:{port}\n\nsinumerik\n{url}\ntalc\n{tmp_path}\n")
         assert done.exit_code == 0, done.output
         checked, probed = run_on(file, "check"), run_on(file, "probe")
         (tmp_path / "nc-password").write_text("wrong\n", encoding="utf-8")
@@ -196,7 +222,7 @@ def test_probe_reads_an_agent_with_what_was_written_once_its_key_is_there(tmp_pa
     """Only the port differs from the usual one, which another program on this computer may use."""
     file = tmp_path / "gateway.toml"
     with answering(module()) as port, beside(served_agent(REFERENCE.Machine())) as agent:
-        done = init(str(file), typed=f"mill\n127.0.0.1:{port}\n{kind}\n127.0.0.1\n{agent.key_file(tmp_path)}\n")
+        done = init(str(file), typed=f"mill\n127.0.0.1:{port}\n\n{kind}\n127.0.0.1\n{agent.key_file(tmp_path)}\n")
         assert done.exit_code == 0, done.output
         text = file.read_text(encoding="utf-8").replace("\nkey_file", f"\nport = {agent.port}\nkey_file")
         file.write_text(text, encoding="utf-8")
@@ -221,14 +247,74 @@ def test_an_mtconnect_agent_that_is_silent_leaves_placeholders(tmp_path: Path) -
     assert CliRunner().invoke(main, ["check", str(file)]).exit_code == 0
 
 
-def test_a_wire_that_cannot_be_opened_is_reported_and_nothing_is_written(tmp_path: Path) -> None:
+def test_a_wire_that_cannot_be_opened_is_reported_and_no_answer_is_lost(tmp_path: Path) -> None:
     file, answers = tmp_path / "gateway.toml", tmp_path / "answers.toml"
-    answers.write_text('machine = "mill"\nserial = ["/dev/absent"]\nhosts = ["127.0.0.1:9"]\n', encoding="utf-8")
+    answers.write_text(
+        'machine = "mill"\nserial = ["/dev/absent"]\nhosts = ["127.0.0.1:9"]\n[control]\nkind = "sinumerik"\n',
+        encoding="utf-8",
+    )
     done = init(str(file), "--answers", str(answers))
     assert done.exit_code == 3
     assert "/dev/absent" in done.output
     assert "no device was recognised" in done.output
+    begun = draft(file.read_text(encoding="utf-8"), file)
+    assert (begun.machine.name, begun.devices, begun.nc is not None) == ("mill", (), True)
+    assert read_answers(file.with_suffix(".answers.toml")) == read_answers(answers)
+
+
+def test_two_unknown_modules_become_devices_without_an_edit(tmp_path: Path) -> None:
+    """Each is written as comments with the command that drafts its profile, which init then asks for."""
+    file = tmp_path / "gateway.toml"
+    with answering(TcpHost({3: Holding(215, 220), 5: Holding(9, 8, 7), 9: Adam6015(lambda: SEVEN)})) as port:
+        typed = f"mill\n127.0.0.1:{port}\n3-9\nlinuxcnc\n\n\n"
+        first = init(str(file), typed=typed + "\n\n")
+        assert first.exit_code == 0, first.output
+        assert [device.unit for device in load(file).devices] == [9]
+        text = file.read_text(encoding="utf-8")
+        commands = re.findall(r"^# next: talc-gateway (.*)$", text, re.MULTILINE)
+        scanned = CliRunner().invoke(main, ["scan", "tcp", f"127.0.0.1:{port}", "--units", "3-5"])
+        assert [line for line in scanned.output.splitlines() if "inspect" in line] == [
+            f"next: talc-gateway {command}" for command in commands
+        ]
+        file.write_text(text.replace("rtd1_in0", "bed_front"), encoding="utf-8")
+        drafts: list[str] = []
+        for command in commands:
+            words = shlex.split(command)
+            words[-1] = str(tmp_path / words[-1])
+            assert CliRunner().invoke(main, words).exit_code == 0
+            drafts.append(words[-1])
+        again = init(str(file), typed="\n" * 6 + f"absent.toml\n{drafts[0]}\n{drafts[1]}\n")
+        assert again.exit_code == 0, again.output
+        assert "absent.toml" in again.output, "and asked again"
+        config = load(file)
+        assert {(d.unit, len(d.channels)) for d in config.devices} == {(9, 7), (3, 2), (5, 3)}
+        assert "bed_front" in config.input_names, "what a person has named stays"
+        assert config.nc is not None
+        assert "unknown" not in file.read_text(encoding="utf-8")
+        settled = file.read_text(encoding="utf-8")
+        assert init(str(file), typed="\n" * 6).exit_code == 0
+        assert file.read_text(encoding="utf-8") == settled
+        assert "12 of" in CliRunner().invoke(main, ["probe", str(file)]).output
+
+
+def test_a_node_on_a_serial_can_adapter_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tmp_path / "gateway.toml"
+    with beside(adapter_with(Cia404Node(5, lambda: SEVEN[:2], inputs=2, vendor="esd", heartbeat_ms=20))) as port:
+        monkeypatch.setattr(command, "find_ports", lambda: [ScanPort("serial", port, "an adapter")])
+        done = init(str(file), typed="mill\nslcan\n\nnone\n")
+    assert done.exit_code == 0, done.output
+    (bus,), (device,) = load(file).buses, load(file).devices
+    assert (bus.kind, bus.model_dump()["interface"], device.profile) == ("canopen", "slcan", "cia404")
+
+
+def test_answers_before_the_input_ended_are_proposed_again(tmp_path: Path) -> None:
+    file = tmp_path / "gateway.toml"
+    done = init(str(file), typed="mill_9\n10.0.0.9:77777\n10.0.0.9:502\n")
+    assert done.exit_code == 1
+    assert "expected a port of 1 to 65535" in done.output, "and asked again"
     assert not file.exists()
+    kept = read_answers(file.with_suffix(".answers.toml"))
+    assert (kept.machine, kept.hosts) == ("mill_9", ("10.0.0.9:502",))
 
 
 def test_a_file_that_exists_is_not_touched(tmp_path: Path) -> None:
@@ -254,7 +340,7 @@ def test_the_untouched_example_of_the_package_is_replaced_and_an_edited_one_is_n
         assert '"mine"' in file.read_text(encoding="utf-8")
         copy(example, file)
         file.chmod(0o640)
-        done = init(str(file), typed=f"mill\n127.0.0.1:{port}\nnone\n")
+        done = init(str(file), typed=f"mill\n127.0.0.1:{port}\n\nnone\n")
     assert done.exit_code == 0, done.output
     assert [d.profile for d in load(file).devices] == ["advantech_adam6015"]
     assert file.stat().st_mode & 0o777 == 0o640

@@ -2,6 +2,7 @@
 
 import struct
 from pathlib import Path
+from typing import Any
 
 import pytest
 from click.testing import CliRunner, Result
@@ -56,33 +57,31 @@ def test_an_unexpected_error_of_the_nc_is_a_row_of_the_table(
     assert f"unexpected error in {operation}: unpack requires 4 bytes" in done.output
 
 
-@pytest.mark.parametrize("why", ["[RS274NGC] ON_ABORT_COMMAND is missing", "", None])
-def test_what_keeps_the_control_from_probing_is_shown(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, why: str | None
-) -> None:
-    async def snapshot(_: AgentControl) -> NcSnapshot:
-        return NcSnapshot(SteppedClock().utc(), 0.0, dict.fromkeys("XYZAC", 0.0), cannot_probe=why)
-
-    monkeypatch.setattr(AgentControl, "connect", connected)
-    monkeypatch.setattr(AgentControl, "snapshot", snapshot)
-    assert ("cannot probe" in (out := probe(tmp_path).output)) is bool(why)
-    assert (why or "") in out
-
-
 @pytest.mark.parametrize(
-    ("tool", "probe_there", "shown"), [(7, True, ["7", "yes"]), (None, False, ["no"]), (None, None, [])]
+    ("state", "shown"),
+    [
+        ({"cannot_probe": "[RS274NGC] ON_ABORT_COMMAND is missing"}, ["[RS274NGC] ON_ABORT_COMMAND is missing"]),
+        ({"cannot_probe": ""}, []),
+        ({"tool": 7, "probe_in_spindle": True}, ["7", "yes"]),
+        ({"probe_in_spindle": False}, ["no"]),
+    ],
 )
-def test_the_tool_and_whether_the_probe_is_in_the_spindle_are_shown_if_the_nc_reports_them(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tool: int | None, probe_there: bool | None, shown: list[str]
+def test_what_the_nc_reports_has_a_row_and_what_it_does_not_has_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, state: dict[str, Any], shown: list[str]
 ) -> None:
-    async def snapshot(_: AgentControl) -> NcSnapshot:
-        axes = dict.fromkeys("XYZAC", 0.0)
-        return NcSnapshot(SteppedClock().utc(), 0.0, axes, tool=tool, probe_in_spindle=probe_there)
-
+    """What keeps it from probing, the tool, and whether the probe is in the spindle."""
     monkeypatch.setattr(AgentControl, "connect", connected)
-    monkeypatch.setattr(AgentControl, "snapshot", snapshot)
-    rows = [[cell.strip() for cell in line.split("│")] for line in probe(tmp_path).output.splitlines()]
-    assert [row[4] for row in rows if len(row) > 4 and row[3] in ("tool", "probe in spindle")] == shown
+
+    def values(**more: Any) -> list[str]:
+        async def snapshot(_: AgentControl) -> NcSnapshot:
+            return NcSnapshot(SteppedClock().utc(), 0.0, dict.fromkeys("XYZAC", 0.0), **more)
+
+        monkeypatch.setattr(AgentControl, "snapshot", snapshot)
+        rows = [line.split("│") for line in probe(tmp_path).output.splitlines()]
+        return sorted(row[4].strip() for row in rows if len(row) > 4)
+
+    without = values()
+    assert values(**state) == sorted(without + shown)
 
 
 def test_what_rounding_leaves_of_a_position_is_shown_as_0(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

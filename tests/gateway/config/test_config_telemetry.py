@@ -60,7 +60,7 @@ def config(telemetry: str) -> GatewayConfig:
             "[telemetry] readers: does not limit who reads from the router of `connect`",
         ),
         ('tls = { certificate = "a.pem" }', "[telemetry.tls]: certificate and key go together"),
-        ("tls = { mutual = true }", "mutual = true: expected certificate, key and authority too"),
+        ("tls = { mutual = true }", "[telemetry.tls] mutual: true: expected certificate, key and authority too"),
     ],
 )
 def test_what_contradicts_itself_is_refused(tmp_path: Path, telemetry: str, said: str) -> None:

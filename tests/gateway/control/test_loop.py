@@ -142,6 +142,7 @@ async def test_what_is_far_too_uncertain_is_measured_whatever_the_program_does(s
         await bench.clock.run_until(250.0)
 
 
+@pytest.mark.slow
 async def test_a_cycle_that_keeps_failing_is_requested_only_a_few_times_and_the_operator_is_informed_once() -> None:
     bench, told = LinkBench("monitor"), KeptEvents()
     bench.control.answer = RequestStatus(0, ProbingState.FAILED, reason="a touch found no sphere")

@@ -116,3 +116,20 @@ async def test_without_planned_loads_it_keeps_nothing() -> None:
     loads = PlannedLoads(NAMES, 300.0, {}, is_load, SteppedClock())
     loads.follow(Frame(0, day(1)[0], np.ones(len(NAMES), np.bool_)))
     assert loads.changes(96) == {}
+
+
+async def test_a_spindle_that_runs_for_minutes_is_foreseen_without_a_plan() -> None:
+    loads = PlannedLoads(NAMES, 300.0, {}, is_load, SteppedClock())
+    x = day(6)
+    for k, row in enumerate(x):
+        loads.follow(Frame(k, row, np.ones(len(NAMES), np.bool_)))
+    assert loads.during({"spindle_speed": 6000.0}, 4, 24) is None, "nothing is learnt yet"
+    await loads.learn()
+    usual = loads.of("")
+    assert list(usual) == ["spindle_speed"]
+    assert usual["spindle_speed"] == np.median(x[x[:, SPEED] > 0.0, SPEED])
+    found = loads.during(usual, 4, 24)
+    assert found is not None
+    assert not found[4:, SPEED].any()
+    with pytest.raises(ValueError, match="load = 'roughing'"):
+        loads.of("roughing")

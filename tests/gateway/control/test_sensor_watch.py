@@ -108,8 +108,7 @@ async def test_an_exchange_is_reported_once_and_so_is_its_end(caplog: pytest.Log
     with caplog.at_level(logging.DEBUG, logger="gateway.control.sensor_watch"):
         await run(watching, x[4 * DAY :], K0 + 4 * DAY)
     assert [kind for kind, _, _ in ear.events] == [EventKind.SENSOR_SUSPECT, EventKind.SENSORS_AGREE]
-    ended = [r.levelno for r in caplog.records if r.getMessage() == "sensors: all agree again"]
-    assert ended == [logging.WARNING], "at the level at which the exchange was reported"
+    assert caplog.records[-1].levelno == logging.WARNING, "the end at the level at which the exchange was reported"
     assert ear.judgements[-1][0].findings == ()
 
 

@@ -35,6 +35,7 @@ JOB = TrainingJob(
 )
 
 
+@pytest.mark.slow
 async def test_gives_bit_for_bit_the_models_of_this_process() -> None:
     assert (await train_apart(JOB)).fingerprint() == train(JOB).fingerprint()
     assert children(os.getpid()) == []

@@ -75,6 +75,7 @@ async def play(case: Case, folder: Path) -> None:
     assert len(heard.log) == len(heard.notices), f"the log says {heard.log}"  # beginnings and ends
 
 
+@pytest.mark.slow
 async def test_intermittent_device_takes_no_time_of_its_neighbours(tmp_path: Path) -> None:
     """With a timeout of half a period; it changes at every moment of a period, also in the middle of a poll."""
     with logged():

@@ -18,6 +18,7 @@ from tests.benches.faults.play import all_at_once, done
 pytestmark = pytest.mark.simulated_time
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("disturbance", sorted({case.disturbance for case in HARMLESS}))
 async def test_no_reading_shows(disturbance: str, tmp_path: Path) -> None:
     cases = [case for case in HARMLESS if case.disturbance == disturbance]

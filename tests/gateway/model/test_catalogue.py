@@ -4,6 +4,7 @@ import ast
 import html
 import io
 import re
+import tomllib
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import replace
@@ -13,9 +14,22 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
+from drivers.base import NoAnswer
 from gateway.listeners.watch.view import LiveView, ViewState
-from gateway.model.codes import MUST_ACT, NoticeCode, Severity, severity_of
-from gateway.model.text import NOTHING, Language, Text, Value, languages, places, plain, restored, texts, values_of
+from gateway.model.codes import NoticeCode
+from gateway.model.text import (
+    NOTHING,
+    Language,
+    Text,
+    Value,
+    failure,
+    languages,
+    places,
+    plain,
+    restored,
+    texts,
+    values_of,
+)  # fmt: skip
 from gateway.reporting.page import build
 from gateway.service.status import Status, written
 from talc.frame import Event, EventKind
@@ -23,7 +37,10 @@ from talc.kinds import EventCode
 from tests.benches.small_run import small_run
 
 ROOT = Path(__file__).parents[3]
-CODES = (*NoticeCode, *EventCode)
+OF_DRIVERS = [
+    tomllib.loads(file.read_text(encoding="utf-8"))["text"] for file in (ROOT / "drivers").rglob("texts.toml")
+]
+CODES = (*NoticeCode, *EventCode, *(code for family in OF_DRIVERS for code in family if code not in [*NoticeCode]))
 AT = datetime(2026, 3, 2, 6, 5, 4, tzinfo=UTC)
 WORDS = {"quality": "comm_fault", "why": "interval", "standing": "blocked", "phase": "no_good", "fault": "NoAnswer"} | {
     "armed_mode": "advise",
@@ -32,6 +49,9 @@ WORDS = {"quality": "comm_fault", "why": "interval", "standing": "blocked", "pha
     "file_word": "lines",
     "input_fault": "fahrenheit",
     "measurement_fault": "stuck",
+    "system_error": "Connection refused",
+    "of_profile": "open circuit",
+    "nothing": "none",
 }
 
 
@@ -69,7 +89,7 @@ def test_each_code_is_said_in_each_language_with_all_its_values(language: str) -
         assert written, code
         for name, forms in places(template(code, language)).items():
             if forms == {""}:
-                assert f"[{name}]" in written, code
+                assert str(text.values[name]) in written, code
         assert not re.search(r"[{}]", text), code
 
 
@@ -102,11 +122,16 @@ def test_words_of_others_have_no_code_and_stay_as_they_are() -> None:
     assert not NOTHING
 
 
-def test_what_a_person_must_do_something_about_is_no_mere_information() -> None:
-    assert {severity_of(code) for code in MUST_ACT} <= {Severity.PROBLEM, Severity.NOTICE}
-    assert {severity_of(code) for code in NoticeCode} == set(Severity)
+@pytest.mark.parametrize("language", languages())
+def test_an_error_of_a_driver_is_said_with_its_place_and_what_to_do_in_each_language(language: str) -> None:
+    error = NoAnswer(said("modbus_unit_silent"), bus="rtu1", device="rtd1", hint=said("check_unit"))
+    found = failure(error)
+    heard = restored(str(found), *values_of(found)).in_language(language)
+    parts = error.what, error.hint, Text(NoticeCode.BUS, name="rtu1"), Text(NoticeCode.DEVICE, name="rtd1")
+    assert [part for part in parts if part.in_language(language) not in heard] == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("language", languages())
 def test_each_renderer_says_each_code_in_each_language(language: str) -> None:
     """Of the terminal and the report; the page has its own test."""
@@ -131,6 +156,7 @@ def test_each_renderer_says_each_code_in_each_language(language: str) -> None:
         assert [text for text in wanted if text not in shown] == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("language", languages())
 def test_what_matters_has_a_remedy_and_both_have_all_their_values(language: str) -> None:
     known = texts(language)
@@ -145,8 +171,8 @@ def test_what_matters_has_a_remedy_and_both_have_all_their_values(language: str)
 
 
 def spoken() -> Iterator[tuple[str, str, frozenset[str]]]:
-    """Each `Text(NoticeCode.X, name=...)` of the gateway: where it is, its code, and the names that it gives."""
-    for file in (ROOT / "gateway").rglob("*.py"):
+    """Each `Text(code, name=...)` of gateway and drivers: where it is, its code, and the names that it gives."""
+    for file in (*(ROOT / "gateway").rglob("*.py"), *(ROOT / "drivers").rglob("*.py")):
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             match node:
                 case ast.Call(
@@ -156,10 +182,16 @@ def spoken() -> Iterator[tuple[str, str, frozenset[str]]]:
                 ) if all(keyword.arg for keyword in keywords):
                     names = frozenset(str(keyword.arg) for keyword in keywords)
                     yield f"{file.relative_to(ROOT)}:{node.lineno}", NoticeCode[code], names
+                case ast.Call(func=ast.Name("Text"), args=[ast.Constant(value=str(code))], keywords=keywords) if (
+                    file.is_relative_to(ROOT / "drivers")
+                ):
+                    names = frozenset(str(keyword.arg) for keyword in keywords)
+                    yield f"{file.relative_to(ROOT)}:{node.lineno}", code, names
                 case _:
                     pass
 
 
+@pytest.mark.slow
 def test_whoever_says_something_gives_every_value_that_a_language_needs() -> None:
     found = list(spoken())
     assert len(found) > 80

@@ -6,7 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from click.testing import CliRunner
 
+from drivers import text as sentences
+from gateway.cli.main import main
+from gateway.config.file import load
+from gateway.config.problems import ConfigError
 from gateway.control.restart.proven import proven_in
 from gateway.control.trainer import models_of_failure
 from gateway.listeners.collect.collector import Collector
@@ -30,11 +35,13 @@ from gateway.telemetry.codec import decode_refusal, encode
 from gateway.telemetry.fields import coded
 from talc.frame import EventKind, Why
 from talc.models import ModelSet
+from tests.benches.refusals import coded as in_codes
 from tests.benches.stepped_clock import SteppedClock
 from tests.benches.telemetry_examples import configuration
 from tests.gateway.control.test_trainer import JOB
 
-PLAIN = wording.texts
+PLAIN = sentences.texts
+CASES = Path(__file__).parents[1] / "config" / "cases"
 
 
 def reworded(language: str) -> Mapping[str, str]:
@@ -102,10 +109,33 @@ def lacking(refused: Text) -> frozenset[str]:
     return collector._lacking("mill", dict.fromkeys(("steps", "events", "reasons")), refused)  # noqa: SLF001
 
 
+BROKEN = "unit_out_of_range", "linuxcnc_other_poses", "not_toml", "several_problems", "wrong_value", "bound_too_large"
+"""Of the cases of broken configurations: each mistake is in a driver, in a section, between sections or no TOML."""
+
+
+def mistakes() -> list[tuple[object, ...]]:
+    """What programs know of the mistakes in files."""
+    found = list[tuple[object, ...]]()
+    for case in BROKEN:
+        with pytest.raises(ConfigError) as raised:
+            load(CASES / case / "gateway.toml")
+        found += [(case, problem.place, problem.at, in_codes(problem.what)) for problem in raised.value.problems]
+    return found
+
+
+def test_reworded_refusals_name_the_same_fields_and_values(monkeypatch: pytest.MonkeyPatch) -> None:
+    before, german = mistakes(), Text("unit_beyond", unit=248, low=1, high=247, kind="modbus_rtu").in_language("de")
+    file = str(CASES / "unit_out_of_range" / "gateway.toml")
+    done = CliRunner().invoke(main, ["check", file], env={"LC_ALL": "de_DE.UTF-8"})
+    assert (done.exit_code, german in done.output) == (2, True), done.output
+    monkeypatch.setattr(sentences, "texts", reworded)
+    assert mistakes() == before
+
+
 def test_reworded_messages_change_nothing_but_what_people_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     kept(tmp_path / "plain.sqlite")
     before, said = decided(tmp_path / "plain.sqlite"), str(Text(NoticeCode.NC_CONNECTED_AGAIN))
-    monkeypatch.setattr(wording, "texts", reworded)
+    monkeypatch.setattr(sentences, "texts", reworded)
     kept(tmp_path / "reworded.sqlite")
     assert str(Text(NoticeCode.NC_CONNECTED_AGAIN)) != said
     assert decided(tmp_path / "reworded.sqlite") == before

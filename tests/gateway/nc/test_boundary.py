@@ -213,6 +213,7 @@ WRONG_FIELDS: dict[str, list[object]] = {
     "alarms": [None, 0, "700000", [700000]],
     "ready": [0, 1, "false", math.nan],
     "cannot_probe": [False, 0],
+    "cannot_probe_code": [None, 0],
     "probing": [0, 1, "no"],
     "quality": [None, "good"],
 }

@@ -6,7 +6,7 @@ import pytest
 from tests.benches.linuxcnc_disturbances import OPERATOR, disturbed_linuxcnc
 from tests.benches.nc_disturbances import KINDS
 
-pytestmark = [pytest.mark.peer, pytest.mark.slow]
+pytestmark = [pytest.mark.peer, pytest.mark.slow, pytest.mark.waits(35)]
 
 
 @pytest.mark.parametrize(("kinds", "configuration"), [(KINDS, "mm"), (OPERATOR, "inch")])

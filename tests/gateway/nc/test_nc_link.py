@@ -3,6 +3,7 @@
 import asyncio
 import math
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -132,17 +133,6 @@ async def test_after_a_lost_connection_it_begins_from_what_is_in_force() -> None
     assert max(abs(v) for v in bench.control.writes[first][1]) <= 1.0
     assert bench.control.in_force == (0.0, 0.0, 4.0)
     assert len([n for n in bench.notices if "no answer" in n]) == 1
-
-
-async def test_stopping_takes_the_offsets_back() -> None:
-    bench = LinkBench("compensate")
-    async with bench.running():
-        bench.link.follow(decision(4.0))
-        await bench.clock.run_until(10.0)
-    stopping = asyncio.create_task(bench.link.stop())
-    await bench.clock.run_until(60.0)
-    await stopping
-    assert bench.control.in_force == (0.0, 0.0, 0.0)
 
 
 async def test_a_second_gateway_is_refused_and_the_message_says_so() -> None:
@@ -298,7 +288,7 @@ async def test_a_process_that_stood_still_since_its_beat_does_not_write(within: 
     assert any("since the heartbeat" in notice for notice in bench.notices)
 
 
-async def test_what_is_written_while_stopping_is_reported_too() -> None:
+async def test_stopping_takes_the_offsets_back() -> None:
     bench = LinkBench("compensate")
     async with bench.running():
         bench.link.follow(decision(4.0))
@@ -306,6 +296,7 @@ async def test_what_is_written_while_stopping_is_reported_too() -> None:
     stopping = asyncio.create_task(bench.link.stop())
     await bench.clock.run_until(60.0)
     await stopping
+    assert bench.control.in_force == (0.0, 0.0, 0.0)
     told = [write.step.offsets_um for write in bench.steps if write.step.source is Source.STOPPED and write.written]
     assert told == [offsets for at, offsets in bench.control.writes if at > 10.0]
     assert told[-1] == (0.0, 0.0, 0.0)
@@ -363,6 +354,35 @@ async def test_what_somebody_else_writes_disarms_instead_of_being_overwritten_by
     assert len(bench.control.writes) == before
     assert not bench.link.armed
     assert len([notice for notice in bench.notices if "30.00" in notice and "disarmed" in notice]) == 1
+
+
+@pytest.mark.parametrize(("again", "armed"), [(0, True), (1, False)])
+@pytest.mark.parametrize("look", [1, 2])
+async def test_one_spoilt_answer_disarms_nothing_and_two_do(look: int, again: int, armed: bool) -> None:
+    bench = LinkBench("compensate")
+    async with bench.running():
+        bench.link.follow(decision(4.0))
+        await bench.clock.run_until(10.0)
+        first = bench.control.looks + look
+        bench.control.garbled = set(range(first, first + again + 1))
+        bench.link.follow(decision(-4.0))
+        await bench.clock.run_until(30.0)
+    assert bench.link.armed is armed
+    assert bench.control.in_force == (0.0, 0.0, -4.0) or not armed
+    values = [offsets for _, offsets in bench.control.writes]
+    assert all(abs(a - b) <= 1.0 for one, two in pairwise(values) for a, b in zip(one, two, strict=True))
+
+
+@pytest.mark.parametrize("spoilt", [{1}, {1, 2}, {2, 3}, {1, 4}])
+async def test_no_ramp_begins_from_a_spoilt_answer(spoilt: set[int]) -> None:
+    bench = LinkBench("compensate")
+    bench.control.garbled = spoilt
+    async with bench.running():
+        bench.link.follow(decision(4.0))
+        await bench.clock.run_until(30.0)
+    values = [(0.0, 0.0, 0.0), *(offsets for _, offsets in bench.control.writes)]
+    assert all(abs(a - b) <= 1.0 for one, two in pairwise(values) for a, b in zip(one, two, strict=True))
+    assert bench.control.in_force == (0.0, 0.0, 4.0)
 
 
 async def test_offsets_in_force_beyond_what_is_ever_sent_disarm_and_do_not_end_the_link() -> None:

@@ -43,8 +43,9 @@ async def test_a_connection_lost_while_it_probes_is_no_measurement_and_the_next_
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("looks", [True, False])
-@pytest.mark.parametrize("left_by", ["a connection that is lost", "a gateway that is killed"])
+@pytest.mark.parametrize(
+    ("left_by", "looks"), [("a connection that is lost", True), ("a gateway that is killed", False)]
+)
 async def test_a_cycle_that_nobody_waits_for_is_withdrawn_and_the_offsets_stand_until_it_ends(
     left_by: str, looks: bool
 ) -> None:
@@ -135,6 +136,7 @@ async def test_a_gateway_that_hangs_while_the_control_probes_makes_no_measuremen
     assert "the offsets moved while the control probed" in hung.reason
 
 
+@pytest.mark.slow
 async def test_a_slope_that_the_gateway_does_not_know_makes_no_measurement() -> None:
     async with bench(mode="monitor") as at:
         at.control.nck.slope[0] = 1e-3  # 1 µm per mm of X, and the poses differ in X
@@ -210,6 +212,7 @@ async def test_a_sphere_that_is_loose_makes_no_measurement() -> None:
     assert "repeated touches of a point differ by" in loose.reason
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("when", ["while it waits", "while it probes"])
 async def test_an_emergency_stop_ends_the_measurement_with_its_reason(when: str) -> None:
     async with bench() as at:

@@ -139,6 +139,7 @@ async def test_before_the_first_decision_it_goes_where_declared(when_stale: str,
         assert np.abs(np.diff(heights)).max(initial=0.0) <= 1.0 + 1e-6
 
 
+@pytest.mark.slow
 async def test_an_input_that_comes_back_in_time_changes_nothing(tmp_path: Path) -> None:
     async with wire_bench(tmp_path) as bench, bench.running(bench.link()) as link:
         for step in range(4):  # missing every other step, 20 s at the longest
@@ -196,6 +197,7 @@ def cancelled_with(task: asyncio.Task[None] | None, left: list[int], request: Ca
     return answered
 
 
+@pytest.mark.slow
 async def test_stopped_within_any_request_it_takes_the_offsets_back_and_releases_the_control(tmp_path: Path) -> None:
     async with wire_bench(tmp_path) as bench:
         control = bench.control

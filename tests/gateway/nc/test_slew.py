@@ -63,6 +63,7 @@ def test_frozen_time_is_not_saved_up() -> None:
 any_number = st.floats(allow_nan=True, allow_infinity=True, width=32)
 
 
+@pytest.mark.slow
 @given(
     start=st.tuples(*[st.floats(-20, 20)] * 3),
     period_s=st.sampled_from([1.0, 100.0]),

@@ -10,6 +10,7 @@ from tests.benches.wire_bench import wire_bench
 pytestmark = pytest.mark.simulated_time
 
 
+@pytest.mark.slow
 async def test_the_second_of_two_gateways_is_refused_until_the_first_is_gone(tmp_path: Path) -> None:
     async with wire_bench(tmp_path) as bench:
         async with bench.running(bench.link(owner=7), stop=True) as first:

@@ -10,6 +10,7 @@ pytestmark = pytest.mark.simulated_time
 TOLD = ("no start", "ends", "loses an action", "power, no start")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("route", "seed"),
     [

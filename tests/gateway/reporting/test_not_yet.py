@@ -17,8 +17,10 @@ from gateway.control.restart.earlier import earlier_run
 from gateway.model.events import MeasurementEnded, ReadingsTaken
 from gateway.model.probing import End, Outcome
 from gateway.model.sample import Sample
-from gateway.model.text import plain
-from gateway.service.report_data import own_zone
+from gateway.model.text import Language, plain
+from gateway.reporting.figures import summary
+from gateway.service.report_data import collect, not_yet, own_zone
+from gateway.storage.history import History
 from gateway.storage.store import Store
 from talc.frame import Frame, Why
 from tests.benches.service_file import two_temperatures
@@ -26,36 +28,23 @@ from tests.benches.stepped_clock import EPOCH, SteppedClock
 from tests.benches.stored_steps import record_step
 
 NC = {"kind": "sinumerik", "url": "opc.tcp://192.168.214.1:4840", "security": "none"}
+
+
 REFUSED = "a touch repeats by 14 µm"
 
 
-def page_of(path: Path, config: GatewayConfig, steps: int, refused: bool = False) -> str:
-    """The report of a gateway of which only `bed` has ever been read."""
+def store_of(path: Path, config: GatewayConfig, steps: int, *, refused: bool) -> None:
+    """The database of a gateway of which only `bed` has ever been read."""
+    nothing = (0.0, 0.0, 0.0)
+    ended = Outcome(1, Why.CALIBRATION, EPOCH, EPOCH, None, nothing, None, float("nan"), plain(REFUSED), End.REJECTED)
     with Store(path, "first", SteppedClock()) as store:
         store.begin(config.canonical(), config.fingerprint(), "")
         controller = earlier_run(store, config).controller
         store.record(ReadingsTaken([Sample("bed", 20.0, "degC", Quality.GOOD, EPOCH, 0.0, sequence=1)]))
         if refused:
-            store.record(
-                MeasurementEnded(
-                    Outcome(
-                        1,
-                        Why.CALIBRATION,
-                        EPOCH,
-                        EPOCH,
-                        None,
-                        (0.0, 0.0, 0.0),
-                        None,
-                        float("nan"),
-                        plain(REFUSED),
-                        End.REJECTED,
-                    )
-                )
-            )
+            store.record(MeasurementEnded(ended))
         for k in range(steps):
-            frame = Frame(k, np.array([20.0, np.nan]), np.array([True, False]), None)
-            record_step(store, controller, frame)
-    return reported(path)
+            record_step(store, controller, Frame(k, np.array([20.0, np.nan]), np.array([True, False]), None))
 
 
 def reported(path: Path) -> str:
@@ -65,44 +54,45 @@ def reported(path: Path) -> str:
 
 
 @pytest.mark.parametrize(
-    ("more", "steps", "refused", "said"),
+    ("more", "steps", "refused", "missing"),
     [
-        ({}, 0, False, ("No grid step has ended", "No good reading of column", "No control is configured")),
-        ({"nc": NC}, 0, False, ("No grid step has ended", "Probing is not armed", "No measurement yet")),
-        ({"nc": NC}, 3, False, ("Probing is not armed", "No measurement yet", "No reference")),
-        ({"nc": NC, "probing": {"armed": True}}, 3, False, ("No measurement yet", "No reference")),
-        ({"nc": NC, "probing": {"armed": True}}, 3, True, ("None of 1 probing cycles was used", REFUSED)),
+        ({}, 0, False, ["step", "reading", "control", "measurement", "reference"]),
+        ({"nc": NC}, 0, False, ["step", "reading", "probing", "measurement", "reference"]),
+        ({"nc": NC}, 3, False, ["reading", "probing", "measurement", "reference"]),
+        ({"nc": NC, "probing": {"armed": True}}, 3, False, ["reading", "measurement", "reference"]),
+        ({"nc": NC, "probing": {"armed": True}}, 3, True, ["reading", "used", "reference"]),
     ],
 )
-def test_what_is_missing_is_said(
-    more: Mapping[str, Mapping[str, object]], steps: int, refused: bool, said: tuple[str, ...], tmp_path: Path
+def test_what_is_missing_is_on_the_page_in_the_order_in_which_it_comes(
+    more: Mapping[str, Mapping[str, object]], steps: int, refused: bool, missing: list[str], tmp_path: Path
 ) -> None:
     path = tmp_path / "g.sqlite"
-    page = page_of(path, two_temperatures(path, more), steps, refused)
-    assert [text for text in said if text not in page] == []
-    assert ("Probing is not armed" in page) == ("Probing is not armed" in said)
-    assert ("No grid step has ended" in page) == (steps == 0)
-    assert "mill" in page
-    assert ('column</th><td class="l">never read</td>' in page) == (steps > 0)
-    assert "Readings by quality; 1 other channel gave good readings only" in page or not steps
+    config = two_temperatures(path, more)
+    store_of(path, config, steps, refused=refused)
+    with History(path) as history:
+        found = not_yet(history, config, list(history.steps(-1)), history.channel_health())
+    assert [each.key for each in found] == missing
+    values = {key: each.values[key] for each in found for key in each.values}
+    assert values["channels"] == ["column"]
+    assert not refused or (values["n"], values["last"]) == (config.probing.reference_cycles, REFUSED)
+    page = " ".join(reported(path).split())
+    places = [page.index(part) for each in found for part in each.written(Language("en"))]
+    assert places == sorted(places)
 
 
-def test_what_has_not_been_measured_has_no_chart_and_no_figures(tmp_path: Path) -> None:
+def test_what_has_not_been_measured_has_no_figures(tmp_path: Path) -> None:
     path = tmp_path / "g.sqlite"
-    page = page_of(path, two_temperatures(path, {"nc": NC, "probing": {"armed": True}}), 3, refused=True)
-    assert "temperatures, °C" in page
-    assert "Each error" not in page
-    assert "EY0A" not in page
-    assert "the figures say" not in page
-    assert "1 cycle of 2 min" in page
-    assert "0 state updates, 1 cycle rejected." in page
+    store_of(path, two_temperatures(path, {"nc": NC, "probing": {"armed": True}}), 3, refused=True)
+    found = collect(path)
+    assert (found.cycles, found.rejected_cycles, summary(found).basis) == (1, 1, "nothing")
+    assert "EY0A" not in reported(path)
 
 
-def test_a_database_without_a_run_says_how_to_begin_one(tmp_path: Path) -> None:
+def test_a_database_without_a_run_has_a_page(tmp_path: Path) -> None:
     path = tmp_path / "g.sqlite"
     with Store(path, "first", SteppedClock()):
         pass
-    assert "talc-gateway run CONFIG" in reported(path)
+    assert "g.sqlite" in reported(path)
 
 
 @pytest.mark.parametrize("shifts", ["25:00", "6", "06:00,x"])
@@ -125,7 +115,7 @@ def test_the_computers_own_zone_knows_daylight_saving(tmp_path: Path, monkeypatc
 
 
 @pytest.mark.parametrize("command", ["report", "replay", "demo"])
-def test_an_installation_without_the_page_maker_says_what_to_install(
+def test_an_installation_without_the_page_maker_names_it(
     command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file = tmp_path / "g.sqlite"
@@ -136,4 +126,4 @@ def test_an_installation_without_the_page_maker_says_what_to_install(
         lambda name: None if name == "matplotlib" else object(),
     )
     answer = CliRunner().invoke(main, [command] if command == "demo" else [command, str(file)])
-    assert (answer.exit_code, "matplotlib not installed; pip install" in answer.output) == (2, True)
+    assert (answer.exit_code, "matplotlib" in answer.output) == (2, True), answer.output

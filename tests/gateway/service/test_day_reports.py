@@ -86,7 +86,7 @@ def test_what_went_wrong_is_said() -> None:
         raise WorkError("MemoryError (exit status 1)")
 
     reports = DayReports(Path("g.sqlite"), lambda: NOON, fail)
-    with pytest.raises(OSError, match="the report of 2026-03-02 could not be made: MemoryError"):
+    with pytest.raises(OSError, match=r"2026-03-02.*MemoryError"):
         reports(ASKED)
 
 

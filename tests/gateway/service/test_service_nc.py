@@ -127,6 +127,7 @@ async def ended(bench: WireBench, cycle: asyncio.Task[Outcome]) -> Outcome:
     raise AssertionError(f"{bench.control.nck.cycle.answer}")
 
 
+@pytest.mark.slow
 async def test_when_stopped_it_takes_the_offsets_back_and_releases_the_control(tmp_path: Path) -> None:
     async with wire_bench(tmp_path, CYCLE_S) as bench:
         async with serving(bench) as gateway:
@@ -227,6 +228,7 @@ async def test_killed_in_the_middle_of_a_cycle_its_request_is_withdrawn_and_its_
         assert found.number == lost + 5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("storage", "left"), [({}, 0.0), ({"compensate_unstored": True}, 6.0)])
 async def test_while_nothing_can_be_stored_the_offsets_go_where_it_is_configured(
     storage: dict[str, object], left: float, tmp_path: Path

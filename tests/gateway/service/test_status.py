@@ -3,6 +3,7 @@
 import json
 import math
 import re
+from dataclasses import replace
 from datetime import datetime, timedelta
 from pathlib import Path
 
@@ -13,11 +14,19 @@ from click.testing import CliRunner
 from drivers.base import Quality
 from gateway.cli.main import main
 from gateway.config.applied import ConfigurationApplied
-from gateway.config.file import load
+from gateway.config.file import load, parse
 from gateway.config.model import GatewayConfig
 from gateway.model.codes import NoticeCode
 from gateway.model.commands import Command, CommandName, CommandOutcome
-from gateway.model.events import CommandGiven, DecisionMade, EventReported, FrameMade, ReadingsTaken
+from gateway.model.events import (
+    CommandGiven,
+    DecisionMade,
+    EventReported,
+    FrameMade,
+    MeasurementEnded,
+    ProbingRequested,
+    ReadingsTaken,
+)
 from gateway.model.notice import Notice
 from gateway.model.sample import Sample
 from gateway.model.text import Text, plain
@@ -28,6 +37,7 @@ from talc.frame import Event, EventKind, Frame
 from tests.benches.command import here
 from tests.benches.service_file import TEXT
 from tests.benches.stepped_clock import SteppedClock
+from tests.benches.telemetry_examples import REFUSED
 from tests.benches.telemetry_peer import decision
 
 STEP_S = 300
@@ -59,6 +69,18 @@ def test_a_gateway_that_runs_decides_and_reads_is_well_and_later_is_not(tmp_path
         assert well.problems[-1][1] == "device rtd1: silent"
         assert well.unarmed[0] == "nothing will be learnt and nothing corrected: there is no [nc]"
         assert well.paused is None
+        assert (well.cycle, well.applied) == (None, True)
+        store.record(ProbingRequested(5))
+        store.flush()
+        assert status_of(config, now).cycle == now
+        store.record(MeasurementEnded(replace(REFUSED, number=5)))
+        store.flush()
+        assert status_of(config, now).cycle is None
+        short = parse(TEXT + "[grid]\nstep_s = 10.0\n", tmp_path / "gateway.toml")
+        soon = now + timedelta(seconds=config.storage.commit_s)
+        assert status_of(short, soon).missing == (), "later readings wait for the disk"
+        changed = parse(TEXT + "[sensor_check]\nenabled = false\n", tmp_path / "gateway.toml")
+        assert not status_of(changed, now).applied
         store.record(
             CommandGiven(CommandOutcome(Command(CommandName.PAUSE, "anna"), now, accepted=True, text=plain("")))
         )

@@ -90,16 +90,31 @@ def test_temperatures_are_those_of_the_same_steps_under_their_names_of_today(tmp
                 inputs, good = np.array([height[n] + k for n in names]), np.array([(n, k) != ("bed", 5) for n in names])
                 store.record(FrameMade(Frame(k, inputs, good)))
                 store.record(DecisionMade(replace(example.DECISION, k=k)))
-    found = course_between(file, at(0), at(20), 100, STEP_S, temperatures=True)
+    found = course_between(file, at(0), at(20), 100, STEP_S, temperatures=True, inputs=True)
     assert found.temperature_names == ("spindle", "bed")
     expected = np.array([[200.0 + k, 100.0 + k] for k in range(20)])
     expected[5, 1] = np.nan
     np.testing.assert_array_equal(found.temperatures, expected)
+    assert (found.other_names, found.others[:, 0].tolist()) == (("growth",), [300.0 + k for k in range(20)])
     assert course_between(file, at(0), at(20), 100, STEP_S).temperatures.shape == (20, 0)
 
 
+def test_what_a_measurement_finds_beyond_the_correction_is_told_as_left(tmp_path: Path) -> None:
+    """At step 4 nothing is in force yet; at 6 what was predicted is, and at 8 no step took the measurement over."""
+    file, found = tmp_path / "g.sqlite", Measurement(np.full(9, 7.0), np.full(9, 0.25))
+    with Store(file, "boot-1", SteppedClock()) as store:
+        for k in range(8):
+            store.record(FrameMade(Frame(k, np.ones(3), np.ones(3, np.bool_), found if k in (4, 6) else None)))
+            store.record(DecisionMade(replace(example.DECISION, k=k, predicted=np.full(9, 5.0))))
+        for k, in_force in ((4, 0.0), (6, 1.0), (8, 1.0)):
+            outcome = replace(example.OUTCOME, ended=at(k - 0.5), measurement=found, in_force_um=(in_force,) * 3)
+            store.record(MeasurementEnded(outcome))
+    left = course_between(file, at(0), at(20), 100, STEP_S).left[:, 0].tolist()
+    assert left == pytest.approx([7.0, 2.0, np.nan], nan_ok=True)
+
+
 def test_a_database_that_is_not_there_says_so(tmp_path: Path) -> None:
-    with pytest.raises(StoreError, match="no such file"):
+    with pytest.raises(StoreError, match=r"none\.sqlite"):
         course_between(tmp_path / "none.sqlite", at(0), at(1), 10, STEP_S)
 
 

@@ -13,6 +13,8 @@ from gateway.model.events import DecisionMade, FrameMade
 from gateway.model.step_time import StepTime
 from gateway.storage.damage import damage_found
 from gateway.storage.history import History
+from gateway.storage.outside import generations
+from gateway.storage.snapshot import Snapshot
 from gateway.storage.store import Store
 from tests.benches.service_file import two_temperatures
 from tests.benches.spoilt_stores import (
@@ -44,12 +46,9 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("damage", DAMAGES, ids=lambda damage: damage.__name__)
-@pytest.mark.parametrize("seeds", [range(4), pytest.param(range(100, 120), marks=pytest.mark.slow)], ids=str)
-def test_whatever_page_is_damaged_the_gateway_starts_and_goes_on(
-    seeds: range, damage: Damage, whole: Path, tmp_path: Path
-) -> None:
+def test_whatever_page_is_damaged_the_gateway_starts_and_goes_on(damage: Damage, whole: Path, tmp_path: Path) -> None:
     found = 0
-    for seed in seeds:
+    for seed in range(4):
         path = tmp_path / str(seed) / "g.sqlite"
         path.parent.mkdir()
         damaged(whole, path, damage, seed)
@@ -78,6 +77,101 @@ def test_a_lost_page_of_frames_costs_those_frames_and_learning_goes_on_from_the_
     for k, one in kept.items():
         assert one.inputs.tobytes() == frame(k).inputs.tobytes()
     assert len(list(tmp_path.glob("g.sqlite.damaged-*"))) == 1
+
+
+def intact_steps(whole: Path, data: bytes) -> set[int]:
+    """The steps whose frame and decision stand on pages that are as they were."""
+    found: dict[str, set[int]] = {"frame": set(), "decision": set()}
+    as_it_was = whole.read_bytes()
+    with closing(sqlite3.connect(whole)) as connection:
+        for table, steps in found.items():
+            pages = "SELECT pageno, ncell FROM dbstat WHERE name = ? AND pagetype = 'leaf' ORDER BY path"
+            numbers = [k for (k,) in connection.execute(f"SELECT k FROM {table} ORDER BY k")]
+            for page, cells in connection.execute(pages, (table,)):
+                of_page, numbers = numbers[:cells], numbers[cells:]
+                at = slice((page - 1) * PAGE, page * PAGE)
+                if data[at] == as_it_was[at]:
+                    steps.update(of_page)
+    return found["frame"] & found["decision"]
+
+
+@pytest.mark.parametrize("left", [-PAGE, -100, 0.93])
+def test_of_a_database_that_is_cut_off_anywhere_every_row_on_a_whole_page_is_kept(
+    whole: Path, tmp_path: Path, left: float
+) -> None:
+    data = whole.read_bytes()
+    data = data[: int(left) if left < 0 else int(left * len(data))]
+    path = tmp_path / "g.sqlite"
+    path.write_bytes(data)
+    past, mended = restarted(path, "second")
+    assert "g.sqlite was damaged" in mended
+    intact = intact_steps(whole, data)
+    assert len(intact) > STEPS // 2
+    with History(path) as history:
+        kept = {step.frame.k: step.frame for step in history.steps()}
+    assert intact <= kept.keys()
+    assert past.reference_mm is not None
+    assert past.last_k is not None
+    assert past.last_k >= max(intact)
+    for k in kept:
+        assert kept[k].inputs.tobytes() == frame(k).inputs.tobytes()
+
+
+def test_without_the_pages_that_lead_to_a_table_its_rows_are_found_all_the_same(whole: Path, tmp_path: Path) -> None:
+    data = bytearray(whole.read_bytes())
+    with closing(sqlite3.connect(whole)) as connection:
+        inner = "SELECT pageno FROM dbstat WHERE name IN ('frame', 'decision', 'measurement') AND pagetype = 'internal'"
+        lost = [number for (number,) in connection.execute(inner)]
+    assert len(lost) >= 2
+    for number in lost:
+        data[(number - 1) * PAGE : number * PAGE] = bytes(PAGE)
+    path = tmp_path / "g.sqlite"
+    path.write_bytes(data)
+    past, _ = restarted(path, "second")
+    assert past.last_k == STEPS - 1
+    assert past.reference_mm is not None
+    with History(path) as history:
+        assert len(list(history.steps())) == STEPS + 10
+        assert len(history.measurements()) == STEPS // 5 + 2
+
+
+@pytest.mark.parametrize("spoilt", [0, 1])
+def test_when_the_record_is_lost_learning_goes_on_from_the_newest_copy_that_is_whole(
+    spoilt: int, tmp_path: Path
+) -> None:
+    path, known = tmp_path / "g.sqlite", []
+    settings = two_temperatures(path)
+    with Store(path, "first", SteppedClock()) as store:
+        store.begin(settings.canonical(), settings.fingerprint(), "")
+        controller = earlier_run(store, settings).controller
+        for k in range(40):
+            write(store, controller, k)
+            if k in (20, 39):
+                state = controller.state()
+                assert state.course is not None
+                known.append(state.course.learner.mixture.count.copy())
+                store.keep(Snapshot("marks", state, None, {}, (None,) * 9))
+                store.flush()
+    with History(path) as history:
+        first = history.reference()
+    assert first is not None
+    assert first.centres_mm is not None
+    assert not np.array_equal(known[0], known[1])
+    for copy in generations(path)[:spoilt]:
+        copy.write_bytes(copy.read_bytes()[:-50])
+    with path.open("r+b") as file:
+        file.truncate(5 * PAGE)
+    past, mended = restarted(path, "second")
+    assert "learning goes on from the copy" in mended
+    learnt = past.controller.state().course
+    assert learnt is not None
+    assert past.reference_mm is not None
+    assert past.reference_mm == pytest.approx(first.centres_mm + first.in_force_um * 1e-3)
+    with Store(path, "third", SteppedClock()) as store:
+        again = earlier_run(store, settings).controller.state().course
+    assert again is not None
+    assert np.all(again.learner.mixture.count >= known[1 - spoilt])
+    assert list(tmp_path.glob("g.sqlite.damaged-*"))
 
 
 def test_when_the_disk_fails_while_a_database_is_mended_nothing_is_changed_and_the_next_start_mends_it(
@@ -112,6 +206,7 @@ def test_without_the_reference_of_the_measurements_learning_begins_again(whole: 
     assert "learning begins again" in mended
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "change",
     [
@@ -211,9 +306,8 @@ def test_a_flipped_bit_in_one_copy_of_the_configuration_costs_nothing(whole: Pat
         assert (past.last_k, mended) == (STEPS - 1, "")
 
 
-@pytest.mark.parametrize(
-    "number", [1 + 2**20, *(pytest.param(n, marks=pytest.mark.slow) for n in (1 + 2**62, -1))], ids=str
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [1 + 2**20, pytest.param(-1, marks=pytest.mark.slow)], ids=str)
 def test_a_flipped_bit_in_the_number_of_a_run_costs_nothing_but_raw_readings(
     number: int, whole: Path, tmp_path: Path
 ) -> None:
@@ -244,6 +338,7 @@ def test_without_a_configuration_learning_begins_again(whole: Path, tmp_path: Pa
     assert not restarted(path, "third")[1]
 
 
+@pytest.mark.slow
 def test_frames_that_are_of_no_run_are_damage(whole: Path, tmp_path: Path) -> None:
     path = tmp_path / "g.sqlite"
     shutil.copy(whole, path)
@@ -254,7 +349,7 @@ def test_frames_that_are_of_no_run_are_damage(whole: Path, tmp_path: Path) -> No
         assert 70 not in {step.frame.k for step in history.steps()}
 
 
-@pytest.mark.parametrize("version", [0, 3, 5, 4100, -1])
+@pytest.mark.parametrize("version", [0, 5])
 def test_a_spoilt_schema_version_is_damage_and_not_another_programs_file(
     whole: Path, tmp_path: Path, version: int
 ) -> None:

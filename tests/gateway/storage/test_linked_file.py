@@ -55,3 +55,12 @@ def test_links_in_a_circle_are_refused(tmp_path: Path) -> None:
     path.symlink_to(path)
     with pytest.raises(StoreError, match="cannot be reached"):
         Store(path, "first", SteppedClock())
+
+
+def test_a_link_in_the_place_of_the_lock_leads_nobody_to_another_file(tmp_path: Path) -> None:
+    victim = tmp_path / "victim"
+    victim.write_text("of somebody else", encoding="ascii")
+    (tmp_path / "g.sqlite.lock").symlink_to(victim)
+    with pytest.raises(StoreError, match=r"g\.sqlite\.lock: is a symbolic link"):
+        Store(tmp_path / "g.sqlite", "first", SteppedClock())
+    assert victim.read_text(encoding="ascii") == "of somebody else"

@@ -38,6 +38,7 @@ def folder() -> Iterator[Path]:
             path.chmod(0o755)
 
 
+@pytest.mark.slow
 def test_the_folder_is_named_and_not_the_file_blamed(folder: Path) -> None:
     database = folder / "gateway.sqlite"
     with Store(database, "boot-1", SteppedClock()) as store:

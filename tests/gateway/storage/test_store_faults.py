@@ -41,6 +41,7 @@ def stored(path: Path) -> list[int]:
     return [one.frame.k for one in found]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", ["ENOSPC", pytest.param("EIO", marks=pytest.mark.slow)])
 def test_what_a_failing_disk_refuses_waits_and_is_stored_when_it_works_again(fault: str, tmp_path: Path) -> None:
     path = tmp_path / "g.sqlite"
@@ -64,6 +65,7 @@ def test_what_a_failing_disk_refuses_waits_and_is_stored_when_it_works_again(fau
     assert stored(path) == list(range(1, 30))
 
 
+@pytest.mark.slow
 def test_what_was_written_but_not_synchronised_is_not_stored_twice(tmp_path: Path) -> None:
     path = tmp_path / "g.sqlite"
     with store_process(path) as store:
@@ -79,6 +81,7 @@ def test_what_was_written_but_not_synchronised_is_not_stored_twice(tmp_path: Pat
     assert stored(path) == [1, 2, 3]
 
 
+@pytest.mark.slow
 def test_a_disk_that_hangs_delays_no_writer_and_counts_as_failing_until_it_answers(tmp_path: Path) -> None:
     path = tmp_path / "g.sqlite"
     with store_process(path, hangs_after_s=0.2) as store:
@@ -94,6 +97,7 @@ def test_a_disk_that_hangs_delays_no_writer_and_counts_as_failing_until_it_answe
     assert stored(path) == list(range(50))
 
 
+@pytest.mark.slow
 def test_stopped_while_the_disk_is_full_it_says_how_much_is_lost(tmp_path: Path) -> None:
     path = tmp_path / "g.sqlite"
     with store_process(path) as store:
@@ -218,9 +222,9 @@ async def test_what_another_program_locks_out_waits_and_is_stored_when_the_lock_
 
 
 @pytest.mark.slow
-@pytest.mark.realtime
+@pytest.mark.waits(12)
 def test_with_the_shipped_intervals_it_writes_again_soon_after_the_cause_is_gone(tmp_path: Path) -> None:
-    """5 s for the lock, and 5 s until the next attempt. The promise is 60 s. Tolerance: 20 s, for a busy computer."""
+    """5 s for the lock, and 5 s until the next attempt. The promise is 60 s."""
     path = tmp_path / "g.sqlite"
     with Store(path, "boot1", SteppedClock()) as store:
         make(store, 1)
@@ -230,7 +234,7 @@ def test_with_the_shipped_intervals_it_writes_again_soon_after_the_cause_is_gone
             until_failing(store)
         began = time.monotonic()
         until_all_written(store)
-        assert time.monotonic() - began < 5.0 + 20.0
+        assert time.monotonic() - began < 60.0
     assert stored(path) == [1, 2]
 
 

@@ -1,5 +1,6 @@
 """Who may give commands: only operators with their key, each command once, within its time, to this machine."""
 
+import json
 from collections.abc import Callable
 from datetime import UTC, datetime
 
@@ -11,7 +12,7 @@ from gateway.telemetry.answers import CommandAnswer, CommandTerms
 from gateway.telemetry.codec import decode_answer
 from gateway.telemetry.command_door import CommandDoor, Entitled
 from gateway.telemetry.command_signer import CommandSigner, SignedCommand
-from gateway.telemetry.queries import AskedQuery
+from gateway.telemetry.queries import AskedQuery, Replied, Work
 from tests.benches.stepped_clock import SteppedClock
 
 KEY, OTHER_KEY = b"a" * 64, b"b" * 64
@@ -49,6 +50,28 @@ def test_an_operator_with_the_key_is_obeyed_and_answered_with_a_signature() -> N
     answer = gate.send(ANNA.sign(PAUSE, gate.terms(), "mill"))
     assert answer == CommandAnswer("mill", "pause", "anna", NOW.isoformat(), accepted=True, text="done")
     assert gate.given == [(Command(PAUSE, "anna"), "")]
+
+
+def test_only_a_proved_command_is_any_work_and_one_by_caution_waits_for_nothing() -> None:
+    gate = Gate()
+    junk = AskedQuery("pause", "", b"{}", b"")
+    at_once = 0
+    for _ in range(50):
+        assert isinstance(gate.door.sift(AskedQuery("", "", b"", b"")), Replied), "whoever asks for terms"
+        try:
+            found = gate.door.sift(junk)
+        except ValueError:
+            at_once += 1
+        else:
+            assert isinstance(found, Work)
+            assert not found.urgent
+    assert at_once == 40, "ten an hour are stored"
+    for name, urgent in ((PAUSE, True), (CommandName.MEASURE, False)):
+        signed = ANNA.sign(name, gate.terms(), "mill")
+        found = gate.door.sift(AskedQuery(name.value, "", signed.payload, signed.signature))
+        assert isinstance(found, Work)
+        assert found.urgent is urgent
+    assert gate.given == [], "not yet"
 
 
 def wrong_key(gate: Gate) -> tuple[SignedCommand, str]:
@@ -214,9 +237,12 @@ def test_an_answer_that_is_not_signed_for_this_command_is_not_believed() -> None
 
 def test_strangers_are_logged_once_a_minute_without_their_keys(caplog: pytest.LogCaptureFixture) -> None:
     gate = Gate()
-    for _ in range(5):
-        with pytest.raises(ValueError, match="by and key"):
-            gate.send(CommandSigner("eve", KEY).sign(PAUSE, gate.terms(), "mill"))
-    assert [record.message for record in caplog.records] == [
-        "command: 1 commands without a valid key were refused so far, the last in the name of 'eve'"
-    ]
+    for passed_s, lines in ((0.0, 1), (0.0, 1), (59.0, 1), (1.0, 2), (1.0, 2)):
+        gate.clock.spend(passed_s)
+        signed = CommandSigner("eve", OTHER_KEY).sign(PAUSE, gate.terms(), "mill")
+        with pytest.raises(ValueError):
+            gate.send(signed)
+        assert len(caplog.messages) == lines
+        assert "'eve'" in caplog.messages[-1]
+        for secret in (OTHER_KEY.decode(), signed.signature.hex(), json.loads(signed.payload)["challenge"]):
+            assert secret not in caplog.text

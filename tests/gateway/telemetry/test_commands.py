@@ -19,8 +19,8 @@ from gateway.model.text import plain
 from gateway.telemetry.client import Machine, MachineError
 from gateway.telemetry.codec import decode_refusal
 from gateway.telemetry.command_signer import CommandSigner
-from gateway.telemetry.publisher import TelemetryPublisher
 from tests.benches.free_port import free_port
+from tests.benches.open_publisher import OpenPublisher
 from tests.benches.telemetry_peer import ROOT
 from tests.benches.zenoh_sessions import client
 
@@ -33,9 +33,9 @@ def key_file(folder: Path, name: str) -> Path:
     return path
 
 
-def publisher(port: int, *operators: Operator, obey: "Obeyed | None" = None) -> TelemetryPublisher:
+def publisher(port: int, *operators: Operator, obey: "Obeyed | None" = None) -> OpenPublisher:
     settings = Telemetry(listen=(f"tcp/127.0.0.1:{port}",), operator=operators)
-    return TelemetryPublisher(settings, "mill", (), SystemClock(), "boot-1", simulated=False, obey=obey)
+    return OpenPublisher(settings, "mill", (), SystemClock(), "boot-1", simulated=False, obey=obey)
 
 
 class Obeyed:

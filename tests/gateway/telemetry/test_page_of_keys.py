@@ -22,8 +22,8 @@ from gateway.service.stored_answers import history_of
 from gateway.storage.store import Store
 from gateway.telemetry.codec import encode
 from gateway.telemetry.history_queries import HistoryRequest
-from gateway.telemetry.publisher import TelemetryPublisher
 from tests.benches.free_port import free_port
+from tests.benches.open_publisher import OpenPublisher
 from tests.benches.telemetry_examples import DECISION
 from tests.benches.telemetry_peer import reading
 from tests.benches.waits import until
@@ -47,7 +47,7 @@ async def test_the_subscriber_of_the_page_prints_decisions(monkeypatch: pytest.M
     code = found[1].replace("7447", str(port))
     assert code != found[1]
     settings = Telemetry(listen=(f"tcp/127.0.0.1:{port}",), multicast=False)
-    async with TelemetryPublisher(settings, "mill", (), SystemClock(), "boot", simulated=False) as publisher:
+    async with OpenPublisher(settings, "mill", (), SystemClock(), "boot", simulated=False) as publisher:
         process = await asyncio.create_subprocess_exec(sys.executable, "-uc", code, stdout=subprocess.PIPE)
         try:
             assert process.stdout is not None

@@ -5,44 +5,23 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from gateway.config.telemetry import Telemetry
-from gateway.listeners.collect.network import SiteNetwork
+from gateway.model.codes import NoticeCode
+from gateway.model.text import text_of
 from gateway.telemetry.client import Machine, MachineError
-from gateway.telemetry.session import TelemetryError
-from gateway.telemetry.subscriber.hearing import Hearing
+from tests.benches.free_port import free_port
 
 GATEWAY = Path(__file__).parents[3] / "gateway"
-NOWHERE = Telemetry(listen=(), connect=("tcp/127.0.0.1:9",))
 
 
 def refusing(_: object) -> zenoh.Session:
     raise zenoh.ZError("Unable to connect at /root/.cargo/zenoh-link-tcp/src/unicast.rs:321.")
 
 
-@pytest.mark.parametrize(
-    ("reader", "kind", "says"),
-    [
-        (SiteNetwork(NOWHERE), TelemetryError, "no Zenoh session: Unable to connect"),
-        (
-            Hearing(NOWHERE, lambda *_: None, lambda *_: True),
-            TelemetryError,
-            "no Zenoh session to tcp/127.0.0.1:9: Unable to connect",
-        ),
-        (
-            Machine("mill", connect="tcp/127.0.0.1:9"),
-            MachineError,
-            "no answer at tcp/127.0.0.1:9. Is the gateway running? Unable to connect",
-        ),
-    ],
-    ids=["collect", "heard", "client"],
-)
-def test_each_reader_says_in_its_own_words_why_no_session_opens(
-    reader: SiteNetwork | Hearing | Machine, kind: type[OSError], says: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_client_says_why_no_session_opens(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(zenoh, "open", refusing)
-    with pytest.raises(kind) as raised, reader:
+    with pytest.raises(MachineError) as raised, Machine("mill", connect=f"tcp/127.0.0.1:{free_port()}"):
         pass
-    assert str(raised.value) == says
+    assert text_of(raised.value).says(NoticeCode.PLACE_CLOSED)
 
 
 class Unsubscribed:
@@ -51,9 +30,6 @@ class Unsubscribed:
     def __init__(self) -> None:
         self.closed = 0
 
-    def declare_subscriber(self, *_: object) -> None:
-        raise zenoh.ZError("no")
-
     def liveliness(self) -> None:
         raise zenoh.ZError("no")
 
@@ -61,17 +37,10 @@ class Unsubscribed:
         self.closed += 1
 
 
-@pytest.mark.parametrize(
-    "reader",
-    [Hearing(NOWHERE, lambda *_: None, lambda *_: True), Machine(connect="tcp/127.0.0.1:9")],
-    ids=["heard", "client"],
-)
-def test_a_session_is_closed_if_what_follows_its_opening_fails(
-    reader: Hearing | Machine, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_session_is_closed_if_what_follows_its_opening_fails(monkeypatch: pytest.MonkeyPatch) -> None:
     opened = Unsubscribed()
     monkeypatch.setattr(zenoh, "open", lambda _: opened)
-    with pytest.raises(zenoh.ZError, match="no"), reader:
+    with pytest.raises(zenoh.ZError, match="no"), Machine(connect="tcp/127.0.0.1:9"):
         pass
     assert opened.closed == 1
 

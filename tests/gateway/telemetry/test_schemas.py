@@ -38,11 +38,13 @@ from gateway.model.text import plain
 from gateway.runtime.clocks import RealClock
 from gateway.service.stored_answers import course_of, history_of, rows_of
 from gateway.storage.store import Store, boot_id
-from gateway.telemetry.answers import ReportPage
+from gateway.telemetry.answers import ReportPage, ScenarioPage
 from gateway.telemetry.codec import MESSAGE_TYPES
-from gateway.telemetry.publisher import TelemetryPublisher
+from gateway.telemetry.messages import PublishedCourse
+from gateway.telemetry.scenario_queries import ScenarioRequest
 from tests.benches import telemetry_examples as example
 from tests.benches.free_port import free_port
+from tests.benches.open_publisher import OpenPublisher
 from tests.benches.telemetry_examples import configuration
 from tests.benches.telemetry_peer import ROOT, reading
 from tests.benches.zenoh_sessions import client
@@ -172,9 +174,16 @@ ASKED = {
     "course": f"course?{SPAN};temperatures=yes;reasons=yes",
     "stored": f"stored?after={STORED}",
     "report": "report?day=2026-01-05",
+    "scenario": "scenario?load=warm-up;minutes=20",
     "command_terms": "command",
     "error": "history?from=yesterday",
 }
+
+
+async def foreseen(asked: ScenarioRequest) -> ScenarioPage:
+    course = {"EZ0A": PublishedCourse([1.0, None], [0.5, 0.5])}
+    loads = {"spindle_speed": 6000.0}
+    return ScenarioPage("2026-01-05T06:00:00+00:00", 7, (300.0, 600.0), asked.minutes, loads, course, {})
 
 
 async def test_every_message_and_every_answer_fits_its_schema(tmp_path: Path) -> None:
@@ -207,10 +216,11 @@ async def test_every_message_and_every_answer_fits_its_schema(tmp_path: Path) ->
         for event in EVENTS:
             store.record(event)
         store.flush()
-        publisher = TelemetryPublisher(
+        publisher = OpenPublisher(
             Telemetry(listen=(where,), operator=(anna,)), "mill", example.NAMES, SystemClock(), boot, simulated=False,
             history=history_of(path), course=course_of(path, 300.0), stored=rows_of(path),
             report=lambda _: ReportPage("2026-01-05", "Europe/Zurich", b"\x1f\x8b\x00\xff"),
+            scenario=foreseen,
         )  # fmt: skip
         async with publisher:
             await asyncio.to_thread(judge)

@@ -20,9 +20,10 @@ from gateway.telemetry.answers import HistoryPage
 from gateway.telemetry.client import Machine, MachineError
 from gateway.telemetry.command_signer import CommandSigner
 from gateway.telemetry.history_queries import HistoryRequest
-from gateway.telemetry.publisher import Obey, TelemetryPublisher
-from gateway.telemetry.session import Access, TelemetryError
+from gateway.telemetry.publisher import Obey
+from gateway.telemetry.session import Access
 from tests.benches.free_port import free_port
+from tests.benches.open_publisher import OpenPublisher
 from tests.benches.plant_authority import PlantAuthority
 from tests.benches.telemetry_peer import ROOT, problem
 from tests.benches.waits import turns, wait_until
@@ -39,8 +40,8 @@ def stored(_: HistoryRequest) -> HistoryPage:
     return PAGE
 
 
-def publisher(settings: Telemetry, obey: Obey | None = None) -> TelemetryPublisher:
-    return TelemetryPublisher(settings, "mill", (), SystemClock(), "boot-1", simulated=False, history=stored, obey=obey)
+def publisher(settings: Telemetry, obey: Obey | None = None) -> OpenPublisher:
+    return OpenPublisher(settings, "mill", (), SystemClock(), "boot-1", simulated=False, history=stored, obey=obey)
 
 
 def _utc(seconds: float) -> datetime:
@@ -92,11 +93,11 @@ async def test_by_mutual_tls_a_reader_of_the_plant_gets_in_and_no_other(tmp_path
 
 
 @pytest.mark.slow
-@pytest.mark.realtime
+@pytest.mark.waits(20)
 async def test_a_reader_whose_certificate_ends_while_it_is_connected_is_shut_out(tmp_path: Path) -> None:
     """By the computer's clock, which Zenoh asks. Tolerance: 2 s before, as a certificate ends at a whole second; a
-    minute after; and it must connect within the 10 s."""
-    site, lasts = SecureSite(tmp_path), timedelta(seconds=10)
+    minute after; and it must connect within the 20 s."""
+    site, lasts = SecureSite(tmp_path), timedelta(seconds=20)
     async with publisher(site.settings()) as gateway:
         gateway.publish(problem("while it is valid"))
         ends_s = time.monotonic() + lasts.total_seconds()
@@ -187,7 +188,7 @@ def hearing(session: zenoh.Session) -> Iterator[list[bytes]]:
     subscriber.undeclare()
 
 
-def assert_not_passed_on(gateway: TelemetryPublisher, good: zenoh.Session, bad: zenoh.Session) -> None:
+def assert_not_passed_on(gateway: OpenPublisher, good: zenoh.Session, bad: zenoh.Session) -> None:
     """Check that another reader hears, is answered by and finds only the gateway."""
     with hearing(good) as heard:
         Intruder(bad)
@@ -211,9 +212,8 @@ async def test_what_one_reader_sends_no_other_gets(tmp_path: Path) -> None:
 
 async def test_a_password_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     settings = Telemetry(listen=(), user="mill", password_file=tmp_path / "password")
-    with pytest.raises(TelemetryError, match="password cannot be read: No such file"):
-        async with publisher(settings):
-            pass
+    async with publisher(settings) as gateway:
+        assert gateway.connection.problem.value_of("path") == str(settings.password_file)
 
 
 @contextmanager

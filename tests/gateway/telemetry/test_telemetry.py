@@ -18,6 +18,7 @@ from gateway.config.applied import ConfigurationApplied
 from gateway.config.file import parse
 from gateway.config.model import GatewayConfig
 from gateway.listeners.watch.view import ViewState, feeding, render
+from gateway.model.codes import NoticeCode
 from gateway.model.compensation import Source, Step, Write
 from gateway.model.events import (
     CompensationStepped,
@@ -31,7 +32,6 @@ from gateway.model.probing import Outlook
 from gateway.model.sample import Sample
 from gateway.model.standing import Standing
 from gateway.model.text import plain
-from gateway.telemetry.session import TelemetryError
 from talc.frame import Event, EventKind, Frame, Why
 from tests.benches.free_port import free_port
 from tests.benches.service_file import adam6015
@@ -145,14 +145,15 @@ async def test_the_token_exists_as_long_as_the_gateway_runs() -> None:
     session.close()
 
 
-async def test_a_port_in_use_is_named() -> None:
+async def test_a_port_in_use_is_named_and_holds_up_nothing() -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        with pytest.raises(TelemetryError, match=f"127.0.0.1:{port}.*another program"):
-            async with telemetry(port):
-                pass
+        async with telemetry(port) as gateway:
+            problem = gateway.connection.problem
+    assert problem.says(NoticeCode.TELEMETRY_NOT_OPEN)
+    assert problem.value_of("places") == f"tcp/127.0.0.1:{port}"
 
 
 def test_the_view_fits_eighty_columns_and_shows_what_came() -> None:

@@ -1,16 +1,13 @@
 """Two gateways with the same name: the typed client does not mix their data, and commands neither."""
 
 import asyncio
-import json
 import queue
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
-import zenoh
 
 from drivers.base import SystemClock
 from gateway.config.telemetry import Operator, Telemetry
@@ -22,32 +19,24 @@ from gateway.telemetry.answers import HistoryPage
 from gateway.telemetry.client import Machine, MachineError
 from gateway.telemetry.command_signer import CommandSigner
 from gateway.telemetry.history_queries import HistoryRequest
-from gateway.telemetry.publisher import Obey, TelemetryPublisher
+from gateway.telemetry.publisher import Obey
 from tests.benches.free_port import free_port
+from tests.benches.open_publisher import OpenPublisher
 from tests.benches.telemetry_peer import problem
+from tests.benches.zenoh_sessions import router
 
 LIMIT_S = 60.0
 BEGIN = datetime(2026, 3, 2, tzinfo=UTC)
 SAID = r"^mill: 2 gateways answer under this name, .* give each its own \[machine\] name$"
 
 
-@contextmanager
-def router() -> Iterator[str]:
-    """The endpoint of a router without rules."""
-    where, config = f"tcp/127.0.0.1:{free_port()}", zenoh.Config()
-    for key, value in {"mode": "router", "listen/endpoints": [where], "scouting/multicast/enabled": False}.items():
-        config.insert_json5(key, json.dumps(value))
-    with zenoh.open(config):
-        yield where
-
-
 def stored(_: HistoryRequest) -> HistoryPage:
     return HistoryPage(0.0, ("bed",), ("degC",), [BEGIN.timestamp()], [0], [20.0], ["good"], None)
 
 
-def gateway(where: str, boot: str, *operators: Operator, obey: Obey | None = None) -> TelemetryPublisher:
+def gateway(where: str, boot: str, *operators: Operator, obey: Obey | None = None) -> OpenPublisher:
     settings = Telemetry(mode="client", listen=(), connect=(where,), operator=operators)
-    return TelemetryPublisher(settings, "mill", (), SystemClock(), boot, simulated=False, history=stored, obey=obey)
+    return OpenPublisher(settings, "mill", (), SystemClock(), boot, simulated=False, history=stored, obey=obey)
 
 
 def healthy() -> HealthChecked:
@@ -106,7 +95,7 @@ async def test_what_two_gateways_of_one_name_say_is_not_mixed(tmp_path: Path) ->
             assert machine.status().channels_good == 30
             assert machine.pause().text == "it is done"
 
-    with router() as where:
+    with router(free_port()) as where:
         async with gateway(where, "a", anna, obey=obey) as first:
             async with gateway(where, "b", anna, obey=obey) as second:
                 for one in (first, second):
@@ -128,7 +117,7 @@ async def test_a_follower_is_told_of_a_second_gateway_that_begins_later_and_not_
                 next(messages)
 
     steps, heard = ("a", "b"), queue.Queue[str]()
-    with router() as where:
+    with router(free_port()) as where:
         async with gateway(where, "a") as first:
             first.publish(healthy())
             first.publish(problem("the first"))

@@ -78,3 +78,12 @@ def test_any_bytes_keep_their_length_but_for_a_header_that_was_cut(pieces: list[
     heads = 1 + sum(event.data is None for event in events)
     assert before - 6 * heads <= after <= before
     assert [e.data is None for e in out if e.data is None] == [e.data is None for e in events if e.data is None]
+
+
+def test_a_silence_comes_once_and_one_that_never_answered_stays_silent() -> None:
+    asked = [Passed(float(i), True, b"ask") for i in range(4)]
+    said = [Passed(0.5, False, b"one"), Passed(2.5, False, b"two")]
+    script = stream_script(sorted([*asked, *said, Passed(4.0, True, b"mute")], key=lambda event: event.at_s))
+    answers = [[data for _, data in script.answer(b"ask")] for _ in range(7)]
+    assert answers == [[b"one"], [], [b"two"], [], [b"one"], [b"two"], [b"one"]]
+    assert [list(script.answer(b"mute")) for _ in range(3)] == [[], [], []]

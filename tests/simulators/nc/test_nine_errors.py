@@ -29,7 +29,10 @@ CLOSE_UM = 5 * SLEW_UM_PER_S * IPO_S
 def interpreted() -> Nck:
     """A control that runs the program of `talc-gateway nc sinumerik-files`."""
     settings = SinumerikSettings(
-        security="none", url="opc.tcp://nc", compensation=OffsetRoute(route="errors", travel_mm=TRAVEL)
+        security="none",
+        url="opc.tcp://nc",
+        origin_tool_mm=0.0,
+        compensation=OffsetRoute(route="errors", travel_mm=TRAVEL),
     )
     text = errors_program(settings, ErrorTerms(SLEW_UM_PER_S, RADIUS_MM, BOUND_UM))
     return Nck(Rigid(), DAY, cycle=CYCLE, programs=[text], ipo_s=IPO_S, r_count=R_COUNT_WITH_ERRORS)

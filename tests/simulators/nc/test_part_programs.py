@@ -208,7 +208,7 @@ def test_in_a_search_nothing_moves_but_assignments_run() -> None:
         (["R1 = TALC_UNKNOWN"], "TALC_UNKNOWN is not defined"),
         (["R1 = MINVAL(1, 2)"], "MINVAL: not a function"),
         (["G2 X=1"], "G2: not known here"),
-        (["M8"], "M8: not known here"),
+        (["M10"], "M10: not known here"),
         (["MEAW=1 G1 X=1"], "cannot be written|not known|expected|not defined"),
         (["X=1 X=2"], "an address twice"),
         (["TALC_TWO(1)"], "no EXTERN with 1"),

@@ -212,7 +212,7 @@ def test_in_an_inch_program_it_ramps_by_the_same_micrometres() -> None:
     assert steps.max() <= 1e-3 * IPO_S * (1 + 1e-9)
 
 
-@pytest.mark.parametrize("number", [*range(60, 79)])
+@pytest.mark.parametrize("number", [*range(60, 79, 3)])
 def test_whichever_action_a_part_program_removes_the_beats_are_no_longer_copied_or_all_goes_to_zero(
     number: int,
 ) -> None:

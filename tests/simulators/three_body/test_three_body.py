@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import eigsh, splu
 from skfem import Basis, ElementHex2, ElementVector, LinearForm, condense, solve
@@ -23,7 +24,13 @@ def coarse() -> Solid:
     return assemble(0.3)
 
 
-def steady(solid: Solid, watts: tuple[float, float]) -> np.ndarray:
+@pytest.fixture(scope="module")
+def whole() -> Solid:
+    return assemble()
+
+
+def steady(solid: Solid, watts: ArrayLike) -> np.ndarray:
+    """watts: of each source, (2,), or (2, n) for n loads."""
     return np.asarray(splu(csc_matrix(solid.K + solid.H)).solve(solid.S @ np.array(watts)))
 
 
@@ -101,8 +108,7 @@ def test_bad_heat_and_step_are_named() -> None:
 
 
 @pytest.mark.slow
-def test_committed_matrices_are_the_generators_and_follow_the_whole_model() -> None:
-    whole = assemble()
+def test_committed_matrices_are_the_generators_and_follow_the_whole_model(whole: Solid) -> None:
     rebuilt, stored = reduce_whole(whole), load_reduced()
     heat = np.repeat(np.random.default_rng(2).uniform(0, [150, 90], (8, 2)), 6, axis=0)  # 4 h, new loads each 30 min
     drift, sensors = stored.respond(heat)
@@ -126,10 +132,7 @@ def test_committed_matrices_are_the_generators_and_follow_the_whole_model() -> N
 
 
 @pytest.mark.slow
-def test_finer_meshes_converge() -> None:
-    coarse, middle, usual = (
-        np.column_stack([s.D @ steady(s, (150, 0)), s.D @ steady(s, (0, 90))])[:3]
-        for s in (assemble(0.3), assemble(0.2), assemble())
-    )
-    assert abs(middle - usual).max() < 0.5 * abs(coarse - usual).max()
-    assert abs(middle - usual).max() < 0.02 * abs(usual).max()
+def test_finer_meshes_converge(coarse: Solid, whole: Solid) -> None:
+    far, near, fine = ((s.D @ steady(s, np.diag([150.0, 90.0])))[:3] for s in (coarse, assemble(0.2), whole))
+    assert abs(near - fine).max() < 0.5 * abs(far - fine).max()
+    assert abs(near - fine).max() < 0.02 * abs(fine).max()

@@ -89,25 +89,6 @@ def test_a_process_is_the_dense_normal_distribution_s_posterior(expert: Expert) 
     assert variance[0] == pytest.approx(wanted[1] + misfit + (wanted[0] - centre) ** 2, rel=1e-7)
 
 
-def test_scikit_learn_predicts_the_same() -> None:
-    """Of a linear and smooth process without a level, away from the reference's condition, by another program."""
-    from sklearn.gaussian_process import GaussianProcessRegressor  # a second that only this test needs to spend
-    from sklearn.gaussian_process.kernels import ConstantKernel, DotProduct
-
-    expert, draw = Expert(1.0, 0.0), np.random.default_rng(3)
-    x = features(50, 2)
-    y = 3.0 * x[:, 1] - x[:, 4] + draw.normal(0, NOISE, 50)
-    y[0] = 0.0
-    kernel = ConstantKernel(UNIT**2 / FEATURES, "fixed") * DotProduct(0.0, "fixed") + ConstantKernel(REFERENCE, "fixed")
-    theirs = GaussianProcessRegressor(kernel, alpha=NOISE**2, optimizer=None).fit(x, y)
-    mixture, at = alone(expert), features(40, 9)[-1]
-    fed(mixture, x, np.arange(50.0), y)
-    mean, std = theirs.predict(at[None], return_std=True)
-    ours, variance = mixture._each(at, 0, reference=True)  # noqa: SLF001 - of the process alone
-    assert ours[0, 1] == pytest.approx(mean[0], rel=1e-6)
-    assert variance[0, 1] == pytest.approx(std[0] ** 2, rel=1e-6)
-
-
 def test_a_measurement_narrows_another_prediction_by_their_covariance_squared() -> None:
     """Conditional variance of a joint normal distribution: Var(z | y) = Var(z) - Cov(z, y)² / (Var(y) + noise²)."""
     mixture, x = alone(SMOOTH), features(20)
@@ -168,6 +149,7 @@ def test_contributions_add_up_to_the_estimate_and_name_the_input_that_moves_it()
     assert np.argmax(np.abs(parts[0])) in (0, 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("after", [50, MOST_ROWS + 15])
 def test_a_restored_mixture_goes_on_bit_for_bit(after: int) -> None:
     mixture, draw = Mixture(INPUTS, LAGS, 300.0), np.random.default_rng(2)

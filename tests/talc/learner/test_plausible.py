@@ -73,6 +73,7 @@ def in_nm(_: Array, y: Array) -> None:
     y[:, 0] *= 1000.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "column", "fault"),
     [
@@ -97,11 +98,13 @@ def test_a_fault_is_named_and_forgotten_within_an_hour(
     assert over.max() < 1.3
 
 
+@pytest.mark.slow
 def test_a_single_cell_hardly_moves_the_correction(days: ThermalSeries, clean: Array) -> None:
     left, _ = run(days, ten_cells)
     assert np.abs(left[BEGIN:END] - clean[BEGIN:END]).max() < 2.0
 
 
+@pytest.mark.slow
 def test_measurements_of_a_bad_day_are_forgotten_at_the_first_good_one(days: ThermalSeries, clean: Array) -> None:
     """As with a probe that sits wrong: they differ, so that nothing tells that they are none."""
 
@@ -114,6 +117,7 @@ def test_measurements_of_a_bad_day_are_forgotten_at_the_first_good_one(days: The
     assert np.sqrt(np.mean(left[after, 0] ** 2)) < 1.3 * np.sqrt(np.mean(clean[after, 0] ** 2))
 
 
+@pytest.mark.slow
 def test_exchanged_inputs_are_named_and_taken_for_each_other(days: ThermalSeries, clean: Array) -> None:
     far = int(np.argmax(np.abs(days.inputs[BEGIN - 1] - days.inputs[BEGIN - 1, 0])))
 

@@ -46,6 +46,7 @@ def prior() -> Prior:
     return make_prior(learnt)
 
 
+@pytest.mark.slow
 def test_a_second_machine_of_a_kind_starts_nearly_where_the_first_ones_are(prior: Prior) -> None:
     without, told = (run(machine(20), p)[1] for p in (None, prior))
     assert rms(told[:72]) < 0.75 * rms(without[:72])
@@ -59,6 +60,7 @@ def without_the_ninth(days: ThermalSeries) -> ThermalSeries:
     return replace(days, truth=truth, measured=days.measured - days.truth + truth)
 
 
+@pytest.mark.slow
 def test_an_error_that_was_zero_on_other_machines_is_not_believed_in_on_the_next() -> None:
     learnt = []
     for seed in range(10, 13):

@@ -115,6 +115,7 @@ def rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("at", [AT, AT + 8], ids=["measured there", "measured later"])
 def test_after_a_new_reference_the_errors_are_predicted_as_before_it(days: ThermalSeries, at: int) -> None:
     _, unbroken = clamped_again(days, None, told=False)

@@ -152,6 +152,7 @@ def test_the_papers_ways_predict_and_stay_stable(selector: str, estimator: str) 
     assert np.median(left) < 0.6, left
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("selector", ["pso", "tck"])
 def test_the_papers_ways_know_the_inputs_that_they_were_trained_with(selector: str) -> None:
     s = series(400, seed=6)
@@ -243,6 +244,23 @@ def test_measurements_here_and_there_after_a_dense_stretch_count_for_arx_models(
         )
         ratios.append(both / first)
     assert np.exp(np.log(ratios).mean()) < 0.95
+
+
+def test_rows_two_steps_apart_are_fitted_to_what_was_estimated_between_them() -> None:
+    """As in B19's no-good phase. Least squares on the same rows, written out, agree."""
+    s = series(300, seed=4)
+    s.measured[120:][::2] = np.nan
+    settings = TrainingSettings(selector="tck", max_na=1, max_nb=0, static_inputs=True)
+    keep = tuple((name,) for name in s.names[:9])
+    estimated = np.where(np.isfinite(s.measured), np.nan, s.truth + 0.3)
+    with_estimates = train(job(s, settings=settings, static_inputs=keep, estimated=estimated)).models
+    before = np.where(np.isfinite(s.measured), s.measured, s.truth + 0.3)[:-1]
+    rows = np.flatnonzero(np.isfinite(s.measured[1:, 0]))
+    for e, model in enumerate(with_estimates):
+        assert model is not None
+        x = np.column_stack([np.ones(len(rows)), before[rows, e], s.inputs[rows + 1, e]])
+        _, pole, _ = np.linalg.lstsq(x, s.measured[rows + 1, e], rcond=None)[0]
+        assert model.a == pytest.approx([-pole], abs=1e-4)
 
 
 def test_an_error_without_kept_inputs_has_them_chosen() -> None:

@@ -30,6 +30,11 @@ export const queryOfAll = () => {
   return Object.keys(all).length ? new URLSearchParams({ asked: JSON.stringify(all) }).toString() : "";
 };
 
+// X, Y, Z, mm, and A, C, degrees, of the point that is shown.
+export const point = () => {
+  const own = kept(machine);
+  return ["x", "y", "z", "a", "c"].map((name) => Number(own[name] ?? document.querySelector(`#asked [name=${name}]`).dataset.declared));
+};
 // changed: called after each new choice
 export const readyChoice = (changed) => {
   const form = $("asked"), inputs = [...form.elements].filter((each) => each.name in LIMITS);
@@ -40,6 +45,7 @@ export const readyChoice = (changed) => {
       const value = own[input.name] ?? declared(input);
       input.value = value === null ? "" : plain(Number(value));
     }
+    put($("place"), ["X", "Y", "Z", "A", "C"].map((name, i) => `${name}\u202f${amount({ n: point()[i], d: point()[i] % 1 ? 1 : 0 })}`).join("  "));
     put($("tolerance-from"), word("tolerance" in own ? "tool.typed" : inputs[0].dataset.declared === "" ? "tool.none" : "tool.declared"));
   };
   const keep = (own) => {
@@ -64,5 +70,14 @@ export const readyChoice = (changed) => {
   form.addEventListener("reset", (event) => { event.preventDefault(); keep({}); });
   for (const input of inputs) input.addEventListener("input", () => input.setCustomValidity(""));
   $("tolerance").addEventListener("change", take);
+  // By a tenth below 1 µm, by a half below 10, else by a whole one.
+  const step = (by) => {
+    const value = number($("tolerance").value), size = value < 1 || (by < 0 && value === 1) ? 0.1 : value < 10 || (by < 0 && value === 10) ? 0.5 : 1;
+    if (Number.isNaN(value)) return;
+    $("tolerance").value = plain(Math.max(Math.round((value + by * size) * 10) / 10, LIMITS.tolerance[0]));
+    take();
+  };
+  $("tighter").addEventListener("click", () => step(-1));
+  $("wider").addEventListener("click", () => step(1));
   fill();
 };

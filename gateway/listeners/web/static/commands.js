@@ -24,6 +24,7 @@ export const readyCommands = () => {
     dialog.showModal();
   };
   $("command-measure").addEventListener("click", () => choose("measure"));
+  $("command-reference").addEventListener("click", () => choose("reference"));
   $("command-pause").addEventListener("click", () => choose(paused ? "resume" : "pause"));
   $("confirm-no").addEventListener("click", () => dialog.close());
   $("confirm-yes").addEventListener("click", async () => {

@@ -10,11 +10,11 @@ export const make = (tag, text, kind) => {
 };
 export const put = (place, text) => { if (place.textContent !== text) place.textContent = text; };
 // A part is drawn again only when it has changed, so that nothing jumps and what is selected stays selected.
-const drawn = new Map();
+const known = new Map();
 export const changed = (id, data) => {
   const text = JSON.stringify(data);
-  if (drawn.get(id) === text) return false;
-  drawn.set(id, text);
+  if (known.get(id) === text) return false;
+  known.set(id, text);
   return true;
 };
 export const draw = (id, data, nodes) => { if (changed(id, data)) $(id).replaceChildren(...nodes()); };
@@ -36,27 +36,25 @@ export const paint = (place, colour) => {
   place.classList.add(colour);
 };
 export const say = (list, kind) => list.map((each) => make("p", sentence(each), kind));
-// room: by label, the longest text that may stand there
-export const rows = (list, room = {}) => list.map((row) => {
-  const each = make("div"), value = make("dd"), said = make("div", sentence(row.said));
-  said.prepend(marked(row.mark), row.mark ? " " : "");
-  value.append(said);
-  if (row.label in room) {
-    value.className = "room";
-    value.append(make("div", room[row.label], "spare"));
-  }
+export const rows = (list) => list.map((row) => {
+  const each = make("div"), value = make("dd", sentence(row.said));
+  value.prepend(marked(row.mark), row.mark ? " " : "");
   each.append(make("dt", word(row.label)), value);
   return each;
 });
 
-// A part that has grown keeps its height: what comes and goes with each measurement would push the parts below about.
-export const keepHeights = (parts) => {
-  const kept = new ResizeObserver((all) => all.forEach(({ target }) => { target.style.minHeight = `${target.getBoundingClientRect().height}px`; }));
-  let width = innerWidth;
-  addEventListener("resize", () => {
-    if (innerWidth === width) return;
-    width = innerWidth;
-    parts.forEach((part) => { part.style.minHeight = ""; });
-  });
-  parts.forEach((part) => kept.observe(part));
+const SVG = "http://www.w3.org/2000/svg";
+// inside: other elements, or a text
+export const drawn = (tag, attributes, ...inside) => {
+  const found = document.createElementNS(SVG, tag);
+  for (const [name, value] of Object.entries(attributes)) found.setAttribute(name, value);
+  found.append(...inside);
+  return found;
+};
+// A piece of a bar: from and to in percent of its length.
+export const piece = (kind, from, to = from) => {
+  const found = make("i", undefined, kind);
+  found.style.left = `${from}%`;
+  found.style.width = `${Math.max(to - from, 0)}%`;
+  return found;
 };

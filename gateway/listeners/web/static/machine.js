@@ -1,78 +1,14 @@
-// The state of one machine: whether it is ready, the tool, what it waits for, heat, health.
-import { machine } from "./choice.js";
-import { $, changed, draw, make, marked, named, paint, put, rows, say } from "./elements.js";
-import { HEALTH, LONG, QUALITY, reservePlanned } from "./room.js";
-import { amount, exact, sentence, time, whole, word } from "./words.js";
-
-const showAxes = (axes) => {
-  $("tool-empty").classList.toggle("spare", axes.length > 0);
-  for (const place of document.querySelectorAll("#axes article")) {
-    const axis = axes.find((each) => each.axis === place.dataset.axis);
-    for (const cell of place.querySelectorAll("[data-of]")) put(cell, axis ? amount(axis[cell.dataset.of]) : "–");
-  }
-};
-
-const doubt = (said) => { const p = make("p", sentence(said), "doubt"); p.prepend(marked("bad"), " "); return p; };
-const line = (c) => {
-  const item = make("li", undefined, c.good ? "" : "not-good");
-  item.append(make("span", c.channel, "name"), " ");
-  if (c.good || c.value) item.append(make("span", c.value ? amount(c.value) : "–", "number"));
-  if (!c.good) item.append(" ", make("span", word(c.quality), "mark m-bad"));
-  if (c.detail) item.title = sentence(c.detail);
-  return item;
-};
-// Those that fail come first and need more room: as much as SPARE of them need with the longest name and fault.
-const SPARE = 4, MOST_NAMED = 4;
-const reserveHeat = (channels) => {
-  const names = channels.map((c) => c.channel).sort();
-  if (!names.length || !changed("heat-room", names)) return;
-  const longestName = names.reduce((a, b) => (b.length > a.length ? b : a));
-  const failed = { channel: longestName, good: false, value: null, quality: QUALITY, detail: null };
-  $("channels-room").replaceChildren(...channels.map((c, i) => line(i < SPARE ? failed : { ...c, good: true })));
-  $("doubts-room").replaceChildren(doubt({ say: "doubt.failed", values: { names: { s: longestName } } }));
-};
-
-// As long as what moves an error may be told: by the inputs with the longest names.
-const longMovers = (channels) => channels.map((c) => c.channel).sort((a, b) => b.length - a.length || (a < b ? -1 : 1))
-  .slice(0, MOST_NAMED).map((input) => `${input} ${amount(LONG.gain)}`).join(", ");
-
-const showHeat = (v) => {
-  draw("doubts", v.doubts, () => v.doubts.length ? v.doubts.map(doubt)
-    : v.channels.length ? [make("p", word("doubt.none"), "note")] : []);
-  reserveHeat(v.channels);
-  put($("watched"), v.watched ? sentence(v.watched) : "");
-  $("heat-empty").hidden = v.channels.length > 0;
-  draw("channels", v.channels, () => v.channels.map(line));
-  showSketch(v.channels.filter((c) => c.body));
-  $("drives-empty").hidden = v.driven.length > 0;
-  $("drives").hidden = !v.driven.length;
-  const most = longMovers(v.channels);
-  if (!changed("drives", [v.driven, most])) return;
-  $("drives").tBodies[0].replaceChildren(...v.driven.map((e) => {
-    const row = make("tr"), name = named(e.error, "th");
-    name.scope = "row";
-    const by = e.corrected ? e.movers.map(([input, by]) => `${input} ${amount(by)}`).join(", ") : word("heat.not_corrected");
-    const cell = make("td"), room = make("div", undefined, "room");
-    room.append(make("div", by), make("div", most, "spare"));
-    cell.append(room);
-    row.append(name, make("td", amount(e.estimate), "right"), cell);
-    return row;
-  }));
-};
-
-// The mean of each part; nothing where no name tells of one.
-const showSketch = (channels) => {
-  const sketch = $("sketch");
-  sketch.toggleAttribute("hidden", !channels.length);
-  for (const part of sketch.querySelectorAll("[data-body]")) {
-    const own = channels.filter((c) => c.body === part.dataset.body && (!c.value || c.value.u === "°C"));
-    const good = own.filter((c) => c.good && c.value);
-    const mean = good.length ? good.reduce((sum, c) => sum + c.value.n, 0) / good.length : null;
-    put(part.querySelector(".number"), amount({ n: mean, u: "°C", d: 1 }) + (good.length < own.length ? " !" : ""));
-    part.classList.toggle("doubtful", good.length < own.length);
-    part.classList.toggle("nothing", !own.length);
-  }
-};
+// The state of one machine, on all of its screens.
+import { showBars } from "./bars.js";
+import { keepTolerance, showSeries } from "./chart.js";
+import { machine, point } from "./choice.js";
+import { $, changed, draw, make, paint, put, rows, say } from "./elements.js";
+import { showModel } from "./model.js";
+import { hear } from "./past.js";
+import { showSensors } from "./sensors.js";
+import { exact, sentence, time, whole, word } from "./words.js";
+import { showWhen } from "./when.js";
+import { showWhy } from "./why.js";
 
 // The day is the gateway's present one in this browser's zone, until somebody chooses another.
 let chosenDay = false;
@@ -93,11 +29,29 @@ export const readyDay = (latest) => $("report-day").addEventListener("change", (
   showDay(latest() || {});
 });
 
+// A reason of more letters than this is written smaller.
+const LONG = 85, LONG_WORD = 12;
+// Of what it waits for, what somebody does or waits for next.
+const NEXT = ["label.first", "label.waits_for", "label.operator", "label.next"];
+// What it costs to wait for the next measurement.
+const PRICE = ["label.waiting"];
 // When it will be ready, and what helps most: to be read from two metres.
 const AFAR = /^(when\.(?!next_measurement)|help\.(best|nothing|measure))/;
+const orders = (notices) => {
+  const found = make("div");
+  found.id = "notices";
+  found.append(...say(notices, "notice"));
+  return found;
+};
+const list = (rows) => {
+  const found = make("dl");
+  found.append(...rows.flatMap((row) => [make("dt", word(row.label)), make("dd", sentence(row.said))]));
+  return found;
+};
 export const showWord = (colour, key) => {
   paint($("ready"), colour);
   put($("word"), word(key));
+  $("word").classList.toggle("long", word(key).length > LONG_WORD);
   document.title = `${word(key)} · ${machine}`;
 };
 
@@ -111,17 +65,27 @@ export const showMachine = (v) => {
   put($("heard"), heard.join(" · "));
   if (v.gateway_time) put($("state-of"), word("print.state_of").replace("{at}", whole.format(new Date(v.gateway_time))));
   $("unarmed").classList.toggle("spare", !v.unarmed);
-  draw("because", verdict.because, () => say(verdict.because));
-  put($("since"), verdict.since ? word(verdict.before ? "since.before" : "since.at").replace("{at}", time(verdict.since)) : "");
-  if (changed("helps", [v.notices, verdict.helps])) {
-    $("notices").replaceChildren(...say(v.notices, "notice"));
-    $("helps").replaceChildren(...verdict.helps.map((help) => make("p", sentence(help), AFAR.test(help.say) ? "afar" : undefined)));
+  if (changed("because", verdict.because)) {
+    $("because").replaceChildren(...say(verdict.because.filter((each) => !each.say.startsWith("do."))));
+    $("because").classList.toggle("long", $("because").textContent.length > LONG);
   }
-  reservePlanned(v.planned);
-  showAxes(v.axes);
+  put($("failed"), verdict.failed ? sentence(verdict.failed) : "");
+  put($("since"), verdict.since ? word(verdict.before ? "since.before" : "since.at").replace("{at}", time(verdict.since)) : "");
+  const next = v.alive ? v.waits.filter((row) => NEXT.includes(row.label)) : [];
+  draw("todo", verdict.because, () => say(verdict.because.filter((each) => each.say.startsWith("do.")), "afar"));
+  draw("helps", [v.notices, verdict.helps, next], () => [orders(v.notices), ...verdict.helps.map((help) => make("p", sentence(help), AFAR.test(help.say) ? "afar" : undefined)), list(next)]);
+  showBars(v.axes, v.tolerance_um);
+  keepTolerance(v.tolerance_um);
+  showModel(v, point().slice(3), v.alive);
+  if (v.alive && v.gateway_time) hear(v.channels, Date.parse(v.gateway_time) / 1e3);
+  showSeries(v.channels);
+  showWhy(v);
   draw("tool-notes", v.tool_notes, () => say(v.tool_notes, "note"));
+  showWhen(v);
+  const price = v.alive ? v.waits.filter((row) => PRICE.includes(row.label)) : [];
+  draw("price", price, () => rows(price));
   draw("waits", v.waits, () => rows(v.waits));
-  draw("health", v.health, () => rows(v.health, HEALTH));
-  showHeat(v);
+  draw("health", v.health, () => rows(v.health));
+  showSensors(v);
   showDay(v);
 };

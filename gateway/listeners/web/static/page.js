@@ -1,19 +1,24 @@
 // Shows what the server sends, one machine or the list of all.
-import { forgetCourse, keepForecast, readyCharts, showCourse } from "./charts.js";
+import { showStrip } from "./bars.js";
+import { forgetCourse, keepForecast, readyChart, showCourse, showMarks, showScreen } from "./chart.js";
 import { machine, query, queryOfAll, readyChoice } from "./choice.js";
 import { hideCommands, readyCommands, showCommands } from "./commands.js";
-import { $, changed, keepHeights, make, put, rows, say } from "./elements.js";
+import { $, changed, make, put, say } from "./elements.js";
 import { readyDay, showMachine, showWord } from "./machine.js";
-import { reserve, WAITS } from "./room.js";
+import { readyScreens, watch } from "./screens.js";
 import { showSensitivity } from "./sensitivity.js";
+import { showBody } from "./sensors.js";
 import { stream } from "./stream.js";
 import { readyTables, showWeeks, takeCorrections, takeEvents } from "./tables.js";
+import { readyWhen } from "./when.js";
+import { readyWhy, showAxis } from "./why.js";
 import { amount, present, sentence, setPresent, time, word } from "./words.js";
 
-let latest = null, state = "heard", showAgain = () => {};
+let latest = null, course = null, state = "heard", showAgain = () => {};
 // Until all of it is there, nothing of it: what came piece by piece would push the rest about.
 const showAll = () => document.body.classList.remove("waiting");
 const UNKNOWN = { alive: false, unarmed: false, notices: [] };
+const NOTHING = { axes: [], errors: {}, tool_notes: [] };
 const NAME = document.title;
 // now: "heard"; "lost", when the server does not answer; "full", when it takes no more than `most` browsers; "resting",
 // while nobody sees this tab and it does not listen.
@@ -25,6 +30,7 @@ const become = (now, most) => {
   document.body.classList.toggle("past", now !== "heard" || (latest !== null && latest.alive === false));
   $("lost").hidden = !lost;
   keepForecast(now === "heard");
+  if (course) showStrip(course, now === "heard");
   if (now === "heard") { showAgain(); return; }  // the server sends nothing again that has not changed
   const since = full ? { say: "page.full", values: { n: { n: most, d: 0 } } }
     : latest ? { say: "page.no_server", values: { at: { t: latest.shownAt } } } : { say: "page.unreached", values: {} };
@@ -35,7 +41,7 @@ const become = (now, most) => {
     $("lost").textContent = sentence(since);
   }
   if (!machine) drawList((latest ? latest.list : []).map((each) => ({ ...each, ...UNKNOWN, ...verdict })));
-  else if (latest) showMachine({ ...latest, ...UNKNOWN, verdict, axes: [], tool_notes: [] });
+  else if (latest) showMachine({ ...latest, ...UNKNOWN, verdict, ...NOTHING });
   else if (lost) showWord("grey", key);
   if (!lost) document.title = machine || NAME;
 };
@@ -86,14 +92,15 @@ const takeClock = (ms) => {
     .replace("{off}", amount(long ? { n: minutes / 60, u: "h", d: 1 } : { n: minutes, u: "min", d: 0 })));
 };
 if (machine) {
-  reserve(document);
-  $("waits-room").replaceChildren(...rows(WAITS));
   readyCommands();
   readyChoice(() => { forgetCourse(); listen(); });
   readyTables();
   readyDay(() => latest);
-  readyCharts();
-  keepHeights(document.querySelectorAll(".kept"));
+  readyChart();
+  readyWhy();
+  readyWhen();
+  readyScreens();
+  [showScreen, showBody, showAxis].forEach(watch);
   const answers = () => state === "heard" && latest && latest.alive && latest.gateway_time;
   showWeeks(answers);
   showSensitivity(answers);
@@ -106,7 +113,12 @@ const listen = stream(address, {
   tick: takeClock,
   list: (list) => { showAll(); showList(list); },
   view: showView,
-  events: takeEvents,
+  events: (list) => { takeEvents(list); showMarks(list); },
   corrections: takeCorrections,
-  course: (course) => { showAll(); showCourse(course); },
+  course: (c) => {
+    course = c;
+    showAll();
+    showStrip(c, state === "heard");
+    showCourse(c);
+  },
 }, become, early());

@@ -1,7 +1,7 @@
 // Micrometres per kelvin by week, from the gateway's store: again each hour, and sooner while it does not answer.
 import { machine } from "./choice.js";
 import { $, make, named, put } from "./elements.js";
-import { amount, date, word } from "./words.js";
+import { amount, atom, date, word } from "./words.js";
 
 const UNHEARD_MS = 1000, UNKNOWN_MS = 10e3, KNOWN_MS = 3600e3;
 
@@ -22,7 +22,7 @@ const show = ({ weeks, errors, why }) => {
   const found = weeks && errors.length > 0;
   $("sensitivity").hidden = !found;
   $("sensitivity-empty").hidden = found;
-  put($("sensitivity-empty"), weeks ? word("sensitivity.none") : word("sensitivity.unknown").replace("{why}", () => why));
+  put($("sensitivity-empty"), weeks ? word("sensitivity.none") : word("sensitivity.unknown").replace("{why}", () => atom(why)));
   if (!found) return;
   const table = $("sensitivity").querySelector("table"), head = table.tHead.rows[0];
   own ??= [...head.cells];
@@ -33,7 +33,7 @@ const show = ({ weeks, errors, why }) => {
 export const showSensitivity = async (answers) => {
   if (!answers()) { setTimeout(showSensitivity, UNHEARD_MS, answers); return; }
   const answer = await fetch(`/sensitivity/${encodeURIComponent(machine)}`).catch(() => null);
-  const found = answer && answer.ok ? await answer.json() : { weeks: null, errors: [], why: word("word.lost") };
+  const found = answer && answer.ok ? await answer.json() : { weeks: null, errors: [], why: { w: "word.lost" } };
   show(found);
   setTimeout(showSensitivity, found.weeks ? KNOWN_MS : UNKNOWN_MS, answers);
 };

@@ -18,11 +18,11 @@ const showEvents = () => {
     && (!part || (sentence(e.said) + " " + word(e.kind)).toLowerCase().includes(part)));
   $("events").hidden = !shown.length;
   $("events-empty").hidden = shown.length > 0;
-  put($("events-empty"), word(events.length ? "events.no_match" : "events.none"));
+  put($("events-empty"), word(!events.length ? "events.none" : kind === "notable" && !part ? "events.quiet" : "events.no_match"));
   const lines = shown.map((e) => {
     const row = make("tr"), kindCell = make("td", word(e.kind));
     if (e.mark) kindCell.className = "kind m-" + e.mark;
-    row.append(make("td", time(e.t), "when"), kindCell, make("td", sentence(e.said)));
+    row.append(make("td", e.ended ? `${time(e.t)} – ${time(e.ended)}` : time(e.t), "when"), kindCell, make("td", sentence(e.said)));
     return row;
   });
   keepOffPaper(lines, EVENTS_PRINTED, $("events-left"));
@@ -80,9 +80,9 @@ const fetchOlder = async () => {
   asking = true;
   const from = oldest ?? (fixes.length ? fixes.at(-1).t : null);
   const answer = await fetch(`/corrections/${encodeURIComponent(machine)}` + (from ? `?before=${encodeURIComponent(from)}` : "")).catch(() => null);
-  const found = answer && answer.ok ? await answer.json() : { lines: [], before: null, why: word("word.lost") };
+  const found = answer && answer.ok ? await answer.json() : { lines: [], before: null, why: { w: "word.lost" } };
   asking = false;
-  if (found.why) { put($("corrections-older-note"), word("corrections.no_older").replace("{why}", found.why)); return; }
+  if (found.why) { put($("corrections-older-note"), word("corrections.no_older").replace("{why}", () => atom(found.why))); return; }
   put($("corrections-older-note"), found.before ? "" : word("corrections.no_more"));
   $("corrections-older").disabled = !found.before;
   asked = true;
@@ -98,10 +98,10 @@ const NEAR_END_PX = 40;
 export const showWeeks = async (answers) => {
   if (!answers()) { setTimeout(showWeeks, 1000, answers); return; }
   const answer = await fetch(`/scatter/${encodeURIComponent(machine)}`).catch(() => null);
-  const { weeks, why } = answer && answer.ok ? await answer.json() : { weeks: null, why: word("word.lost") };
+  const { weeks, why } = answer && answer.ok ? await answer.json() : { weeks: null, why: { w: "word.lost" } };
   $("weeks").hidden = !weeks || !weeks.length;
   $("weeks-empty").hidden = !$("weeks").hidden;
-  put($("weeks-empty"), weeks ? word("weeks.none") : word("weeks.unknown").replace("{why}", why));
+  put($("weeks-empty"), weeks ? word("weeks.none") : word("weeks.unknown").replace("{why}", () => atom(why)));
   $("weeks").tBodies[0].replaceChildren(...(weeks || []).map((w) => {
     const row = make("tr"), begins = make("th", date.format(new Date(w.t * 1e3)));
     begins.scope = "row";

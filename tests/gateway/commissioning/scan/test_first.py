@@ -11,6 +11,7 @@ from gateway.commissioning.scan.first import (
     LinuxCncAnswers,
     MtConnectAnswers,
     SinumerikAnswers,
+    answers_text,
     first_configuration,
     read_answers,
     to_confirm,
@@ -107,9 +108,24 @@ def test_of_several_machines_the_one_asked_for_or_the_first_is_named(asked: str,
     assert any("it has others" in what for _, what in to_confirm(text)) == (asked == "")
 
 
-def test_without_a_device_there_is_nothing_to_learn_from(tmp_path: Path) -> None:
+def test_without_a_device_the_answers_are_written_and_check_refuses_them_still(tmp_path: Path) -> None:
+    answers = Answers(machine="mill", control=SinumerikAnswers(kind="sinumerik"))
+    text = first_configuration(answers, [], tmp_path / "gateway.toml")
     with pytest.raises(ConfigError, match="without a device"):
-        first_configuration(Answers(machine="mill"), [], tmp_path / "gateway.toml")
+        parse(text, tmp_path / "gateway.toml")
+    extended = first_configuration(answers, [ADAM], tmp_path / "gateway.toml", existing=text)
+    config = parse(extended, tmp_path / "gateway.toml")
+    assert ([d.profile for d in config.devices], config.nc is not None) == (["advantech_adam6015"], True)
+    assert first_configuration(answers, [ADAM], tmp_path / "gateway.toml", existing=extended) == extended
+
+
+def test_kept_answers_are_the_answers(tmp_path: Path) -> None:
+    path = tmp_path / "answers.toml"
+    page = Path("docs/wiring.md").read_text(encoding="utf-8")
+    path.write_text(page.split("## A whole configuration")[1].split("```toml\n")[1].split("```")[0], encoding="utf-8")
+    answers = read_answers(path)
+    path.write_text(answers_text(answers), encoding="utf-8")
+    assert read_answers(path) == answers
 
 
 def test_answers_in_a_file_are_as_strict_as_a_configuration(tmp_path: Path) -> None:

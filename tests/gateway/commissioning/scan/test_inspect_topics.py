@@ -16,6 +16,7 @@ from drivers.profiles import load_profile
 from gateway.cli.main import main
 from gateway.commissioning.scan.topics import SeenTopic, bus_period_s, seen_topics, topic_draft
 from tests.benches.mosquitto import LIMIT_S, Mosquitto, mosquitto
+from tests.benches.refusals import refusing
 from tests.benches.terminal_tables import rows_of
 
 NOW = datetime(2026, 3, 2, 6, tzinfo=UTC)
@@ -82,7 +83,7 @@ def test_a_draft_reads_what_was_seen(tmp_path: Path) -> None:
     value, measured = first.read(payloads["hall/a"])
     assert (value, measured) == (10.75, NOW - timedelta(seconds=60))
     assert (second.topic, second.read(b"7")) == ('odd "\\\n topic', (3.5, None))
-    with pytest.raises(ValueError, match="no topic holds a number"):
+    with refusing(ValueError, "no_topic_number"):
         topic_draft(seen({"state": b"on"}), scale=1, unit="bar", place="b", when="now")
 
 

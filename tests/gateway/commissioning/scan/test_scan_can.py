@@ -56,6 +56,7 @@ async def scan(what: CanScan) -> ScanReport:
     return await scan_can(what, lambda *_: None, lambda: False)
 
 
+@pytest.mark.slow
 @pytest.mark.simulated_time
 async def test_nodes_are_recognised_by_profile_vendor_and_inputs() -> None:
     odd = node(9, "jumo")

@@ -8,6 +8,7 @@ from drivers.base import SetupError
 from drivers.build import BUS_KINDS, check_device
 from drivers.problems import read_settings
 from tests.benches.command import here
+from tests.benches.refusals import refusing
 
 HOST, LINE = {"host": "127.0.0.1", "port": 1}, {"port": "/nowhere"}
 DEVICES: Mapping[str, tuple[str, Mapping[str, object]]] = {
@@ -34,5 +35,5 @@ def test_its_bounds_are_those_of_a_configuration(words: tuple[str, ...], kind: s
     for unit in (lowest - 1, highest + 1):
         done = here(*words, str(unit)) if unit >= 0 else None
         assert done is None or (done.code == 2 and f"expected {lowest} to {highest}" in done.err), done
-        with pytest.raises(SetupError, match=f"unit = {unit}: expected {lowest} to {highest} on a {kind} bus"):
+        with refusing(SetupError, f"unit: unit_beyond unit={unit} low={lowest} high={highest} kind={kind}"):
             check_device("device1", "bus1", settings, profile, unit, {"c0": 0}, {})

@@ -82,6 +82,7 @@ def test_the_sensor_watch_goes_on_from_the_stored_frames(config: GatewayConfig) 
     assert before.frames.valid.all()
 
 
+@pytest.mark.slow
 def test_planned_loads_go_on_from_the_stored_frames_of_two_weeks(tmp_path: Path) -> None:
     of_models = TEXT[TEXT.index("[talc]") : TEXT.index("[[bus]]")]
     few = TEXT.replace(of_models, "[sensor_check]\nwindow_steps = 12\nlearn_steps = 36\n")

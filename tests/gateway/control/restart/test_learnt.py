@@ -207,7 +207,7 @@ def test_an_array_of_another_shape_is_named(source: GatewayConfig) -> None:
         return
     whole = json.loads(file_of(source).read_text(encoding="utf-8"))
     whole["arrays"]["mixture.x"] = whole["arrays"]["mixture.relevance"]
-    with pytest.raises(ValueError, match=r"arrays\.mixture\.x: has 3 dimensions, expected 2"):
+    with pytest.raises(ValueError, match=r"arrays\.mixture\.x"):
         parse_learnt(signed(whole))
 
 

@@ -214,6 +214,7 @@ def test_make_refuses_what_cannot_be_a_prior(shop: Path, tmp_path: Path) -> None
     assert not (tmp_path / "a.json").exists()
 
 
+@pytest.mark.slow
 def test_a_machine_that_counts_twice_is_warned_of(shop: Path, tmp_path: Path) -> None:
     copy = tmp_path / "copy.sqlite"
     copy.write_bytes((shop / "mill10.sqlite").read_bytes())

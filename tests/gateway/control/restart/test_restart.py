@@ -112,6 +112,7 @@ def assert_same_past(one: EarlierRun, other: EarlierRun) -> None:
                 [other.controller.step(f) for f in frames(LONGER, LONGER + 20)])  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["learner", pytest.param("models", marks=pytest.mark.slow)])
 def test_a_restart_from_a_snapshot_decides_as_one_from_the_whole_record(method: str, tmp_path: Path) -> None:
     config = config_of(tmp_path, method)
@@ -127,6 +128,7 @@ def test_a_restart_from_a_snapshot_decides_as_one_from_the_whole_record(method: 
         assert replay(history).identical
 
 
+@pytest.mark.slow
 def test_a_replay_is_identical_over_restarts_from_snapshots_each_of_which_repeats_little(tmp_path: Path) -> None:
     config = config_of(tmp_path)
     past = fresh(config)
@@ -140,6 +142,7 @@ def test_a_replay_is_identical_over_restarts_from_snapshots_each_of_which_repeat
     assert (result.identical, result.steps) == (True, 180), result.first
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spoilt", ["SELECT max(k) FROM snapshot", "SELECT k FROM snapshot"])
 def test_a_damaged_snapshot_is_replaced_by_the_one_before_or_by_the_record(spoilt: str, tmp_path: Path) -> None:
     config = config_of(tmp_path)
@@ -222,6 +225,7 @@ def reordered(config: GatewayConfig, frame: Frame) -> Frame:
     return Frame(frame.k, x, np.ones(4, np.bool_), frame.measurement)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["learner", pytest.param("models", marks=pytest.mark.slow)])
 def test_other_inputs_and_settings_keep_what_was_learnt_and_are_replayed(method: str, tmp_path: Path) -> None:
     before = config_of(tmp_path, method)
@@ -252,6 +256,7 @@ def test_other_inputs_and_settings_keep_what_was_learnt_and_are_replayed(method:
     assert not seen.frames.valid[: LONGER - GAP, config.input_names.index("slide")].any()
 
 
+@pytest.mark.slow
 def test_other_settings_learn_from_the_whole_record_again(tmp_path: Path) -> None:
     before = config_of(tmp_path)
     run(before, fresh(before), 0, LONGER, "earlier")
@@ -265,6 +270,7 @@ def test_other_settings_learn_from_the_whole_record_again(tmp_path: Path) -> Non
     assert decision.trusted.any()
 
 
+@pytest.mark.slow
 def test_a_rebuild_that_was_interrupted_continues_where_it_was(tmp_path: Path) -> None:
     config = config_of(tmp_path)
     run(config, fresh(config), 0, LONGER, "earlier")

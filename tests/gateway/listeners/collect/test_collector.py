@@ -47,6 +47,35 @@ def test_after_a_day_away_everything_arrives_once_in_order_and_the_others_are_no
     assert not (out / "gaps").exists()
 
 
+def test_a_machine_that_is_renamed_goes_on_under_its_new_name_and_its_past_is_not_kept_twice(
+    stored_site: StoredSite, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    out = tmp_path / "site"
+    write(stored_site, "mill", range(5))
+    with SiteFolder(out) as folder:
+        catch_up(collector(stored_site, folder))
+        stored_site.path("mill").rename(stored_site.path("mill_2"))
+        write(stored_site, "mill_2", range(5, 8), "boot-2")
+        write(stored_site, "lathe", range(2))
+        catch_up(collector(stored_site, folder))
+    assert kept(out) == expected(range(5))
+    assert kept(out, "mill_2")["steps"] == [5, 6, 7]
+    assert kept(out, "lathe") == expected(range(2)), "its store is another one"
+    assert [r.message for r in caplog.records if "was mill until now" in r.message] != []
+
+
+def test_rows_of_a_time_that_has_not_come_are_kept_and_it_is_said(
+    stored_site: StoredSite, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """FOUND is 300 steps after the first; a right clock stores no later step."""
+    write(stored_site, "mill", range(295, 300))
+    write(stored_site, "lathe", range(330, 337))
+    with SiteFolder(tmp_path / "site") as folder:
+        catch_up(collector(stored_site, folder))
+    assert kept(tmp_path / "site", "lathe")["steps"] == list(range(330, 337))
+    assert ["lathe" in record.message for record in caplog.records if "ahead of this" in record.message] == [True]
+
+
 def test_a_gateway_is_asked_again_when_it_is_time_and_not_before(stored_site: StoredSite, tmp_path: Path) -> None:
     write(stored_site, "mill", range(2))
     with SiteFolder(tmp_path / "site") as folder:
@@ -78,6 +107,7 @@ def at_call(number: int, what: type[BaseException], syncs: Callable[[int], None]
     return sync
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("every", [7, pytest.param(1, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("what", [Killed, pytest.param(OSError, marks=pytest.mark.slow)])
 def test_killed_or_failing_at_any_moment_it_loses_and_doubles_nothing(

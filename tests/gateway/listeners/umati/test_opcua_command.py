@@ -15,6 +15,7 @@ from gateway.listeners.umati.settings import OpcUaServing, check_serving, load_s
 from gateway.runtime.passwords import make_hash
 from tests.benches.free_port import free_port
 from tests.benches.page_rig import ChildProgram
+from tests.benches.refusals import refusing
 
 LIMIT_S = 120.0
 OWN = "urn:talc-gateway"
@@ -22,7 +23,7 @@ OWN = "urn:talc-gateway"
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.168.1.5", "panel.local"])
 def test_an_address_beyond_this_computer_needs_a_certificate_and_users(host: str) -> None:
-    with pytest.raises(SetupError, match=r"\[security\] certificate and private_key, and a name with a password hash"):
+    with refusing(SetupError, "umati_open"):
         check_serving(host, OpcUaServing())
 
 
@@ -79,6 +80,14 @@ async def test_it_shows_what_a_gateway_publishes_until_that_is_killed(tmp_path: 
         assert gateway.hear() == "published"
         async with Client(url, timeout=LIMIT_S) as client:
             space = await client.get_namespace_index(OWN)
+            described = await client.get_node("i=11715").get_children()
+            names = {(await node.read_browse_name()).Name for node in described}
+            uris = await client.get_namespace_array()
+            assert names == {*uris} - {uris[1]}, "of each but the server's own"
+            assert await client.get_node("i=2269").read_value(), "what it conforms to"
+            (endpoint,) = await client.get_endpoints()
+            assert endpoint.Server.ApplicationUri == uris[1]
+            assert uris[1].endswith(":talc-gateway:mill"), "no other machine's server has the same"
             error = client.get_node(f"ns={space};s=mill/Monitoring/ThermalErrors/EX0C")
 
             async def until(status: str) -> DataValue:

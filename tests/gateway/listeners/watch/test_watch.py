@@ -15,31 +15,24 @@ from gateway.config.telemetry import Telemetry
 from gateway.listeners.watch.view import LiveView, ViewState, render
 from gateway.model.events import EventReported, ReadingsTaken
 from gateway.telemetry.messages import ReadingMessage, StatusMessage
-from gateway.telemetry.publisher import TelemetryPublisher
 from talc.frame import Event, EventKind
 from tests.benches.command import LIMIT_S, beside, here
 from tests.benches.free_port import free_port
+from tests.benches.open_publisher import OpenPublisher
 from tests.benches.plant_authority import DAY, PlantAuthority
 from tests.benches.service_file import TEXT
 from tests.benches.telemetry_peer import reading
 
 
-def publisher(port: int, machine: str) -> TelemetryPublisher:
+def publisher(port: int, machine: str) -> OpenPublisher:
     settings = Telemetry(listen=(f"tcp/127.0.0.1:{port}",))
-    return TelemetryPublisher(settings, machine, ("t0",), SystemClock(), "boot-1", simulated=False)
+    return OpenPublisher(settings, machine, ("t0",), SystemClock(), "boot-1", simulated=False)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (("--connect", "foo"), "'foo': expected Zenoh endpoints such as tcp/192.168.1.5:7447"),
-        (("--machine", "a b*"), "'a b*': expected a letter, then letters, digits and _"),
-    ],
-)
-def test_invalid_values_are_refused_in_words(arguments: tuple[str, ...], said: str) -> None:
-    answer = CliRunner().invoke(main, ["watch", *arguments], catch_exceptions=False)
-    assert answer.exit_code == 2
-    assert said in answer.output
+@pytest.mark.parametrize(("option", "value"), [("--connect", "foo"), ("--machine", "a b*"), ("--machine", "*")])
+def test_invalid_values_are_refused_by_name(option: str, value: str) -> None:
+    answer = CliRunner().invoke(main, ["watch", option, value], catch_exceptions=False)
+    assert (answer.exit_code, repr(value) in answer.output) == (2, True), answer.output
 
 
 @pytest.mark.parametrize("port", ["0", "99999999"])
@@ -103,7 +96,7 @@ mutual = true
         encoding="utf-8",
     )
     config = load(file)
-    gateway = TelemetryPublisher(config.telemetry, "mill", (), SystemClock(), "boot-1", simulated=False)
+    gateway = OpenPublisher(config.telemetry, "mill", (), SystemClock(), "boot-1", simulated=False)
     async with gateway:
         gateway.publish(ReadingsTaken([reading(21.57)]))
         process = await asyncio.create_subprocess_exec(
@@ -152,20 +145,6 @@ def test_a_configuration_that_publishes_nowhere_is_not_waited_for(tmp_path: Path
     assert "give either it or options" in other.output
 
 
-def test_the_screen_shows_each_value_or_why_there_is_none() -> None:
-    state = ViewState("mill")
-    for name, value, quality in (("bed_front", 21.57, "good"), ("column", None, "sensor_fault")):
-        state.apply(
-            ReadingMessage("b", 1, "2026-01-05T06:00:00+00:00", "system", name, value, "degC", quality, "", 0.0, 1, "")
-        )
-    console = Console(width=80)
-    with console.capture() as shown:
-        console.print(render(state))
-    assert "bed_front" in shown.get()
-    assert "21.6 degC" in shown.get()
-    assert "sensor fault" in shown.get()
-
-
 def off(*unarmed: str) -> StatusMessage:
     return StatusMessage("b", 1, "2026-01-05T06:00:00+00:00", "system", None, None, 0, {}, None, None, unarmed=unarmed)
 
@@ -182,17 +161,7 @@ def test_the_screen_shows_what_is_not_armed_until_it_is() -> None:
     state.apply(off())
     with console.capture() as shown:
         console.print(render(state))
-    assert "not armed" not in shown.get()
-
-
-def test_the_lines_say_what_is_not_armed(capsys: pytest.CaptureFixture[str]) -> None:
-    state = ViewState("mill")
-    state.apply(off(NOT_ARMED))
-    with LiveView(state, plain=True, summary_at_once=True):
-        pass
-    summary, *more = capsys.readouterr().out.splitlines()
-    assert "0 measurements" in summary
-    assert more == [f"  {NOT_ARMED}"]
+    assert NOT_ARMED not in shown.get()
 
 
 @pytest.mark.parametrize("order", [("bed", "column", "ram"), ("ram", "bed", "column")])

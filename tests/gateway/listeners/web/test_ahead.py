@@ -6,9 +6,13 @@ from datetime import timedelta
 import pytest
 
 from gateway.listeners.web.at_tool import WorkPoint
+from gateway.listeners.web.scenario import shown_scenario
 from gateway.listeners.web.sentences import Amount, Sentence, ToldName, Word, at
 from gateway.listeners.web.verdict import Viewpoint, verdict_of
 from gateway.listeners.web.view import shown_course, view
+from gateway.telemetry.answers import ScenarioPage
+from gateway.telemetry.messages import PublishedCourse
+from talc.names import THERMAL_ERRORS
 from tests.benches.heard import BEGAN, STEP, HeardMachine
 
 MATRIX = WorkPoint(150.0, 0.0, 80.0).matrix(0.15)
@@ -60,7 +64,7 @@ def test_a_forecast_of_what_no_machine_can_have_promises_nothing(absurd: float) 
     heard = cooling((absurd, 8.0, 2.0), missed=abs(absurd))
     heard.forecast({"EZ0A": (20.0, absurd, 2.0)}, sigma=absurd, measured=absurd)
     assert not {"when.ready", "help.best", "help.enough"} & helps(heard).keys()
-    assert shown_course(heard.seen, MATRIX).ahead_t == []
+    assert shown_course(heard.seen, WITHIN).ahead_t == []
 
 
 def test_what_was_not_yet_compared_with_what_came_is_not_said() -> None:
@@ -68,7 +72,7 @@ def test_what_was_not_yet_compared_with_what_came_is_not_said() -> None:
     said = helps(heard)
     assert {"when.not_checked", "help.unforeseeable"} <= said.keys()
     assert not {"when.ready", "help.best", "help.nothing", "help.stop"} & said.keys()
-    assert shown_course(heard.seen, MATRIX).ahead_t == []
+    assert shown_course(heard.seen, WITHIN).ahead_t == []
 
 
 def test_a_machine_that_does_not_come_within_the_tolerance_says_so() -> None:
@@ -196,15 +200,17 @@ def test_a_forecast_that_does_not_fit_the_latest_estimate_is_none(spoilt: str) -
 
 def test_the_chart_goes_on_with_the_forecast_and_its_band() -> None:
     heard = cooling((20.0, 8.0, 2.0), missed=2.0)
-    course = shown_course(heard.seen, MATRIX)
+    course = shown_course(heard.seen, WITHIN)
     assert course.ahead_t == [(BEGAN + timedelta(hours=h)).timestamp() for h in (0.0, 0.5, 2.0, 8.0)]
-    assert course.ahead[2] == [30.0, 20.0, 8.0, 2.0]
+    assert course.ahead[2] == course.ahead_left[2] == [30.0, 20.0, 8.0, 2.0], "advice takes back nothing"
+    assert course.ahead_state == ["red", "red", "amber", "green"]
+    assert shown_course(heard.seen, Viewpoint(MATRIX, None)).ahead_state == []
     now, *later = (half for half in course.ahead_half[2])
     assert now is not None
     assert now < 1.0
     assert all(half is not None and half > 1.96 * 2.0 for half in later)
     heard.seen.disappear(heard.now)
-    assert shown_course(heard.seen, MATRIX).ahead_t == []
+    assert shown_course(heard.seen, WITHIN).ahead_t == []
 
 
 def under(after: Sequence[float] | None, *, now: float = 30.0, missed: float | None = 0.0) -> Sentence:
@@ -239,3 +245,40 @@ def test_what_a_planned_load_does_may_be_unknown() -> None:
     assert under(None).say == "planned.unknown"
     assert under((20.0, 8.0), missed=None).say == "planned.unknown", "of two times for three"
     assert under((20.0, 8.0, 2.0), missed=None).say == "planned.not_checked"
+
+
+def scenario(stays: Sequence[float], loaded: Sequence[float] | None, loads: dict[str, float]) -> ScenarioPage:
+    """EZ0A after 5 min, 20 min and 2 h."""
+
+    def courses(values: Sequence[float]) -> dict[str, PublishedCourse]:
+        return {e: PublishedCourse(list(values if e == "EZ0A" else [0.0] * 3), [0.1] * 3) for e in THERMAL_ERRORS}
+
+    run = {} if loaded is None else courses(loaded)
+    return ScenarioPage(BEGAN.isoformat(), 0, (300.0, 1200.0, 7200.0), 20.0, loads, courses(stays), run)
+
+
+@pytest.mark.parametrize(
+    ("loaded", "missed", "said"),
+    [
+        ((25.0, 8.0, 2.0), 0.0, "scenario.ready"),
+        ((25.0, 8.0, 2.0), None, "scenario.not_checked"),
+        ((29.0, 25.0, 20.0), 0.5, "scenario.better"),
+        ((31.0, 35.0, 40.0), 0.5, "scenario.worse"),
+        (None, 0.0, "scenario.unknown"),
+    ],
+)
+def test_what_a_load_of_some_minutes_would_do_is_said_as_far_as_forecasts_have_been_checked(
+    loaded: Sequence[float] | None, missed: float | None, said: str
+) -> None:
+    heard = cooling((30.0, 30.0, 30.0), missed=missed)
+    found = shown_scenario(heard.seen, scenario((30.0,) * 3, loaded, {"spindle_speed": 6000.0}), WITHIN, heard.now_s)
+    assert [sentence.say for sentence in found.said] == [said]
+    as_now, *run = found.branches
+    assert (as_now.t[0], as_now.t[-1]) == (0.0, 7200.0)
+    assert (as_now.high[1] is None) == (missed is None)
+    if said == "scenario.ready":
+        assert found.said[0].values["at"] == at(BEGAN + timedelta(minutes=20))
+        assert run[0].far[-1] is not None
+        assert run[0].far[-1] < 3.0
+    (none,) = shown_scenario(heard.seen, scenario((30.0,) * 3, None, {}), WITHIN, heard.now_s).said
+    assert none.say == "scenario.no_load"

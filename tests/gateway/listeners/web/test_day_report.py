@@ -24,6 +24,8 @@ class Reporting:
     def ask_with_temperatures(self, *_: object) -> None:
         raise AssertionError("nobody asks for a course")
 
+    ask_with_inputs = ask_scenario = ask_with_temperatures
+
     def ask_reasons(self, *_: object) -> None:
         raise AssertionError("nobody asks for reasons")
 

@@ -37,7 +37,7 @@ def test_the_newest_line_comes_first_and_the_next_answer_goes_on_before_the_olde
     assert [line["measured"] for line in found["lines"]] == [BEGAN.isoformat(), None]
     assert found["lines"][0]["half"]["n"] is None
     assert found["lines"][1]["half"]["n"] == pytest.approx(0.98)
-    assert (found["before"], found["why"]) == ((BEGAN - 2 * HOUR).isoformat(), "")
+    assert (found["before"], found["why"]) == ((BEGAN - 2 * HOUR).isoformat(), None)
     ((machine, begin, end, most),) = source.asked
     assert (machine, end, most) == ("mill", BEGAN, MOST_TIMES)
     assert end - begin > timedelta(days=180)
@@ -51,7 +51,7 @@ def test_a_page_that_has_no_line_yet_begins_at_the_gateways_present() -> None:
 
 def test_where_nothing_older_is_stored_there_is_no_next_answer() -> None:
     found = mill_page(StoredElsewhere(lambda: CoursePage([], {}, [], {})), heard=True).get("/corrections/mill").json()
-    assert found == {"lines": [], "before": None, "why": ""}
+    assert found == {"lines": [], "before": None, "why": None}
 
 
 def test_a_gateway_that_does_not_answer_is_reported_and_so_is_one_that_was_never_heard() -> None:
@@ -59,9 +59,9 @@ def test_a_gateway_that_does_not_answer_is_reported_and_so_is_one_that_was_never
         raise OSError("no answer within 5 s")
 
     found = mill_page(StoredElsewhere(silent), heard=True).get("/corrections/mill").json()
-    assert found["why"] == "no answer within 5 s"
+    assert found["why"]["s"] == "no answer within 5 s"
     unheard = mill_page(StoredElsewhere(stored)).get("/corrections/mill").json()
-    assert unheard["why"] == "nothing has been heard of its gateway"
+    assert unheard["why"]["say"] == "page.nothing_heard"
 
 
 @pytest.mark.parametrize("before", ["yesterday", "0001-01-01T00:00:00+00:00", "9999-12-31T23:59:59-14:00"])

@@ -8,7 +8,7 @@ import pytest
 from gateway.listeners.web import parts
 from gateway.listeners.web.sentences import Amount, Atom, SaidRow, Sentence, ToldName, at, in_each
 from gateway.model.wording import finding_text
-from gateway.telemetry.messages import SensorFinding
+from gateway.telemetry.messages import PublishedReason, ReasonsMessage, SensorFinding
 from tests.benches.heard import BEGAN, STEP, HeardMachine
 
 
@@ -105,6 +105,53 @@ def test_an_event_says_how_much_it_matters_and_the_newest_comes_first() -> None:
     ]
 
 
+def test_a_problem_and_its_end_are_one_line_and_what_lasts_comes_first() -> None:
+    heard = HeardMachine()
+    times = []
+    for kind, subject in (
+        ("problem", "bus a"), ("problem", "device b"), ("problem_ended", "bus a"), ("problem", "bus a"),
+        ("problem_ended", "bus a"), ("operator", ""), ("problem", "bus a"), ("problem_ended", "bus c"),
+    ):  # fmt: skip
+        heard.passes(timedelta(minutes=1))
+        times.append(heard.now.isoformat())
+        heard.event(kind, subject=subject)
+    a1, b, a1_end, a2, a2_end, operator, a3, c_end = times
+    assert [(e.t, e.ended, e.mark) for e in parts.events(heard.seen)] == [
+        (a3, None, "bad"),
+        (b, None, "bad"),
+        (c_end, None, "good"),
+        (operator, None, "notice"),
+        (a2, a2_end, "good"),
+        (a1, a1_end, "good"),
+    ]
+
+
+def test_channels_without_a_value_stand_beside_the_verdict() -> None:
+    heard = HeardMachine()
+    for number in range(5):
+        heard.reading(f"bed_{number}", quality="good" if number == 0 else "comm_fault")
+    said = parts.failed(heard.seen)
+    assert said is not None
+    assert said.values == {"n": Amount(4, d=0), "all": Amount(5, d=0)}
+    heard.status(channels=26, channels_good=2)
+    said = parts.failed(heard.seen)
+    assert said is not None
+    assert said.values["n"] == Amount(24, d=0)
+    heard.seen.disappear(heard.now)
+    assert parts.failed(heard.seen) is None, "nothing is known of a gateway that is gone"
+
+
+def test_what_moves_an_error_adds_up_to_its_estimate() -> None:
+    heard = HeardMachine()
+    inputs: dict[str, float | None] = {"a": -5.94, "b": 3.33, "c": 2.26, "d": 0.31, "e": -0.24, "f": 0.19}
+    reason = PublishedReason(4.83, True, 0.9, inputs, 1.96, 2.96, {}, 4.8, 0.5)
+    heard.hear("reasons", ReasonsMessage(*heard.stamp(), 0, 12, "interval", {"EZ0A": reason}))
+    (driven,) = parts.driven(heard.seen)
+    shown = [amount.n or 0.0 for _, amount in driven.movers] + [driven.others.n or 0.0, driven.level.n or 0.0]
+    assert sum(shown) == pytest.approx(4.8), "to the digit that is shown"
+    assert driven.others.n == pytest.approx(1.96 + sum(n for n in inputs.values() if n) - sum(shown[:-2]), abs=0.2)
+
+
 def test_abnormal_heat_says_where_how_much_and_since_when() -> None:
     heard = HeardMachine()
     heard.decision(0)
@@ -127,6 +174,11 @@ def test_abnormal_heat_says_where_how_much_and_since_when() -> None:
     assert exchanged == Sentence("doubt.finding", {"text": in_each(both)})
     off = finding_text("offset", ("bed",), 2.0)
     assert without == Sentence("doubt.finding", {"text": in_each(off)}), "of an earlier program"
+    for channel in ("a", "b", "c", "motor"):
+        heard.reading(channel, 20.0)
+    shown = {c.channel: (c.doubt, c.beside) for c in parts.channels(heard.seen)}
+    assert shown == {"a": ("swap", ("b",)), "b": ("swap", ("a",)), "motor": ("offset", ("a_drive",)), "c": ("", ())}
+    assert list(shown)[-1] == "c", "the doubtful ones come first"
     heard.sensors({"motor": 1.0}, motor, cold, loads=("spindle_speed",))
     warmer, colder = parts.doubts(heard.seen)
     assert warmer == Sentence("doubt.warmer_for_loads", values | {"loads": ToldName("spindle_speed")})

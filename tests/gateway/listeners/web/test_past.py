@@ -5,6 +5,7 @@ import threading
 from datetime import UTC
 from typing import Any, Literal, cast
 
+import msgspec
 import pytest
 from httpx2 import ASGITransport, AsyncClient
 from starlette.testclient import TestClient
@@ -43,6 +44,17 @@ def test_it_is_shown_at_the_chosen_point_in_columns() -> None:
     assert (shown["measured_t"], shown["measured"][2]) == ([FROM_S - 500.0], [0.0])
     ((machine, begin, end, limit),) = source.asked
     assert (machine, end, (end - begin).total_seconds(), limit) == ("mill", BEGAN.astimezone(UTC), 3600.0, 500)
+
+
+def test_temperatures_come_only_if_they_are_asked_for_and_are_as_many_as_the_times() -> None:
+    def with_temperatures(column: list[float | None]) -> CoursePage:
+        return msgspec.structs.replace(stored(), temperatures={"bed": column})
+
+    page = mill_page(StoredElsewhere(lambda: with_temperatures([21.0, None])))
+    assert page.get("/past/mill", params=SPAN | {"temperatures": "1"}).json()["temperatures"] == {"bed": [21.0, None]}
+    short = mill_page(StoredElsewhere(lambda: with_temperatures([21.0])))
+    answer = short.get("/past/mill", params=SPAN | {"temperatures": "1"})
+    assert (answer.status_code, answer.text) == (503, "bed: 1 numbers for 2 times")
 
 
 def test_without_a_choice_it_is_shown_where_the_probing_sphere_is() -> None:

@@ -119,5 +119,5 @@ def test_the_page_asks_for_twelve_weeks_with_temperatures_and_passes_on_a_refusa
 
     refused = mill_page(StoredElsewhere(refuse), heard=True).get("/sensitivity/mill").json()
     assert refused == {
-        "weeks": None, "errors": [], "why": "course: temperatures: unknown; expected one of from, to, limit",
+        "weeks": None, "errors": [], "why": {"s": "course: temperatures: unknown; expected one of from, to, limit"},
     }  # fmt: skip

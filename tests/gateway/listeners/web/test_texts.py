@@ -19,7 +19,6 @@ from gateway.telemetry.subscriber.site import SiteSeen
 from talc.frame import EventKind, Phase, Why
 from talc.names import THERMAL_ERRORS
 from tests.benches.heard import BEGAN
-from tests.benches.mill_page import mill_seen
 
 ROOM = Path(str(files("gateway.listeners.web")))
 TEMPLATES = sorted((ROOM / "templates").glob("*.html"))
@@ -62,14 +61,16 @@ def test_every_text_that_is_said_is_in_the_catalogue(language: str) -> None:
 def test_no_text_is_there_that_nothing_says() -> None:
     """Except groups whose key comes with a message or is composed."""
     said = CODE + SCRIPT + "".join(template.read_text("utf-8") for template in TEMPLATES)
-    groups = {key.split(".")[0] for key in WORDS} | {"mode", "expert", "body", "mark", "chart", "command"}
+    groups = {key.split(".")[0] for key in WORDS} | {"mode", "expert", "body", "mark", "chart", "command", "screen"}
     assert [key for key in page_texts("en") if key.split(".")[0] not in groups and key not in said] == []
 
 
 def test_every_language_fills_in_the_same_names() -> None:
+    """Apart from the words of profiles, Modbus and the operating system, which come in English."""
     first, *others = (texts(language) for language in languages())
+    groups = {key.split(".")[0] for key in first}
     for other in others:
-        assert other.keys() == first.keys()
+        assert {key for key in other if key.split(".")[0] in groups} == first.keys()
         differ = {key for key, text in first.items() if places(text).keys() != places(other[key]).keys()}
         assert differ <= {"text.failed"}, "drivers speak English, where the kind of the error need not be said"
 
@@ -112,13 +113,3 @@ def test_texts_and_names_stay_texts_in_the_page() -> None:
     html = page.get("/machine/%3Cscript%3Ealert(%22x%22)%3Cb%3E").text
     assert "<script>alert" not in html
     assert html.count("<script") == 4
-
-
-def test_the_page_of_the_only_machine_comes_first_and_says_its_language() -> None:
-    site = mill_seen()
-    page = TestClient(build_app(site, WebSettings()), base_url="http://localhost", headers={"accept-language": "de"})
-    html = page.get("/").text
-    assert '<html lang="de">' in html
-    assert "Worauf sie wartet" in html
-    site.life("talc/lathe/alive", alive=True)
-    assert "Die schlechteste zuerst" in page.get("/").text

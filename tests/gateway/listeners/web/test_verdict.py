@@ -198,7 +198,7 @@ def test_what_no_machine_can_have_counts_as_unknown(absurd: float) -> None:
     assert (verdict.colour, verdict.word) == (Colour.AMBER, "word.unknown")
     shown = view(heard.seen, within(10.0), heard.now_s)
     assert [axis.left.n for axis in shown.axes] == [None, 0.0, None]
-    assert shown_course(heard.seen, MATRIX).without[2] == [None]
+    assert shown_course(heard.seen, within(8.0)).without[2] == [None]
 
 
 def test_it_says_since_when() -> None:
@@ -237,6 +237,51 @@ def test_a_time_of_which_nothing_is_known_ends_what_was_before() -> None:
         heard.decision(k)
     verdict = verdict_of(heard.seen, within(8.0), heard.now_s)
     assert (verdict.colour, verdict.since, verdict.before) == (Colour.GREEN, times[2], False)
+
+
+@pytest.mark.parametrize("away", ["gone", "silent", "restarted"])
+def test_a_time_in_which_the_gateway_was_away_ends_what_was_before(away: str) -> None:
+    heard = HeardMachine()
+    for k in (0, 1):
+        heard.compensation()
+        heard.decision(k)
+        heard.passes(STEP)
+    heard.passes(timedelta(minutes=2))
+    match away:
+        case "gone":
+            heard.seen.disappear(heard.now)
+            heard.seen.appear(heard.now)
+        case "silent":
+            heard.seen.listen(heard.now_s)
+            assert verdict_of(heard.seen, within(8.0), heard.now_s).word == "word.silent"
+        case _:
+            heard.boot = "boot-2"
+    heard.passes(timedelta(seconds=10))
+    back = heard.now
+    heard.compensation()
+    if away == "restarted":
+        heard.passes(timedelta(minutes=1))
+        back = heard.now  # until then there was no data
+    heard.decision(2)
+    heard.seen.listen(heard.now_s)
+    heard.passes(timedelta(seconds=20))
+    verdict = verdict_of(heard.seen, within(8.0), heard.now_s)
+    assert (verdict.word, verdict.since, verdict.before) == ("word.ready", back, False)
+
+
+def test_a_measurement_that_was_expected_earlier_is_overdue() -> None:
+    heard = HeardMachine()
+    heard.decision(0)
+    heard.passes(STEP)
+    heard.decision(1)
+    heard.reasons(1)
+    expected = at(heard.now + 12 * STEP)
+    rows = {row.label: row.said for row in view(heard.seen, within(8.0), heard.now_s).waits}
+    assert (rows["label.next"].say, rows["label.next"].values["at"]) == ("next.expected", expected)
+    heard.passes(12 * STEP + timedelta(minutes=8))
+    heard.status()
+    rows = {row.label: row.said for row in view(heard.seen, within(8.0), heard.now_s).waits}
+    assert (rows["label.next"].say, rows["label.next"].values["at"]) == ("next.overdue", expected)
 
 
 def test_it_says_whether_a_measurement_would_be_enough_and_that_no_forecast_is_published() -> None:
@@ -328,7 +373,7 @@ def test_the_course_has_the_estimates_and_the_measurements_at_the_chosen_point()
     heard.decision(0, Z_ONLY, 0.0)
     heard.passes(STEP)
     heard.decision(1, {"EZ0A": None}, 0.0)
-    course = shown_course(heard.seen, MATRIX)
+    course = shown_course(heard.seen, within(8.0))
     assert course.without[2] == [30.0, None]
     assert course.left[2] == [0.0, None]
     assert course.half[2] == [0.0, 0.0]

@@ -47,7 +47,7 @@ def test_the_page_asks_for_the_last_twelve_weeks_of_the_gateways_time() -> None:
     source = StoredElsewhere(lambda: stored((MONDAY, 1.0)))
     answer = mill_page(source, heard=True).get("/scatter/mill")
     shown = json.loads(answer.content)
-    assert ([week["n"]["n"] for week in shown["weeks"]], shown["why"]) == ([1], "")
+    assert ([week["n"]["n"] for week in shown["weeks"]], shown["why"]) == ([1], None)
     assert source.asked == [("mill", BEGAN - timedelta(weeks=12), BEGAN, 2000)]
 
 
@@ -56,9 +56,9 @@ def test_what_the_gateway_says_when_it_cannot_is_passed_on() -> None:
         raise OSError("course: this gateway has no store")
 
     answer = mill_page(StoredElsewhere(refuse), heard=True).get("/scatter/mill")
-    assert answer.json() == {"weeks": None, "why": "course: this gateway has no store"}
+    assert answer.json() == {"weeks": None, "why": {"s": "course: this gateway has no store"}}
     source = StoredElsewhere(refuse)
     unheard = mill_page(source).get("/scatter/mill").json()
-    assert unheard == {"weeks": None, "why": "nothing has been heard of its gateway"}
+    assert unheard == {"weeks": None, "why": {"say": "page.nothing_heard", "values": {}}}
     assert mill_page(source, heard=True).get("/scatter/a%20b").status_code == 404
     assert source.asked == []

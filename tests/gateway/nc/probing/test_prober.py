@@ -321,6 +321,7 @@ async def test_a_cycle_that_does_not_end_in_its_time_is_withdrawn_at_once() -> N
         assert (await cycle).end is End.REJECTED
 
 
+@pytest.mark.slow
 async def test_without_a_prediction_a_measurement_of_the_last_hour_stands_in_and_an_older_one_does_not() -> None:
     bench = LinkBench("monitor")
     bench.control.answers = cycles([0.0] * 5 + [90.0] * 3)

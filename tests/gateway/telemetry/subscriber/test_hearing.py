@@ -59,4 +59,4 @@ async def test_a_machine_of_no_interest_is_not_asked_for_what_it_published() -> 
 
 def test_there_is_no_session_for_questions_before_it_is_entered() -> None:
     with pytest.raises(OSError, match="not connected"):
-        _ = hearing(1, HeardGateways()).session
+        hearing(1, HeardGateways()).at("mill")

@@ -1,0 +1,105 @@
+#!/usr/bin/env bash
+# Builds everything that a release consists of, and installs each part into an empty environment:
+#
+#   deploy/release.sh [FOLDER]    default: dist/VERSION
+#
+# Source archive; wheels for x86-64 and aarch64, for Python 3.11 and for 3.12 and later; Debian packages for this
+# computer, and for arm64 where Debian's cross compiler is; the list of components; SHA256SUMS. Needs python3.11, and
+# python3.12 or later with their headers, what deploy/debian/build.sh needs, and for the Debian packages' trial root and
+# mmdebstrap. What is missing is left out, and the last lines say so; what fails ends it with 1.
+set -uo pipefail
+cd "$(dirname "$0")/.."
+
+version=$(deploy/version.sh)
+output=$(realpath -m "${1:-dist/$version}")
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+export PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_ROOT_USER_ACTION=ignore
+mkdir -p "$output" "$work/log"
+rows=() failed=0
+
+# what, command...: done, or with the end of what it said why not.
+step() {
+    local what=$1 began=$SECONDS
+    shift
+    if "$@" >"$work/log/last" 2>&1; then
+        rows+=("good    $what ($((SECONDS - began)) s)")
+    else
+        rows+=("FAILED  $what: $(tail -n 1 "$work/log/last")") failed=1
+        tail -n 20 "$work/log/last" >&2
+    fi
+    echo "${rows[-1]}"
+}
+without() { rows+=("absent  $1: $2"); echo "${rows[-1]}"; }
+
+sdist() {
+    python3 -m venv "$work/build" &&
+        "$work/build/bin/pip" install --quiet --no-compile --require-hashes -r requirements/build.lock &&
+        git archive --prefix=source/ HEAD | tar -x -C "$work" && deploy/version.sh write "$work/source" &&
+        (cd "$work/source" && "$work/build/bin/python" -c \
+            'import sys; from scikit_build_core.build import build_sdist; print(build_sdist(sys.argv[1]))' "$output")
+}
+
+# python, archive or wheel...: into a new environment with nothing but what is locked, what builds an archive too
+installs() {
+    local python=$1 here=$work/env-$1
+    shift
+    rm -rf "$here"
+    "$python" -m venv "$here" &&
+        "$here/bin/pip" install --quiet --no-compile --require-hashes -r requirements/run.lock \
+            -r requirements/build.lock &&
+        "$here/bin/pip" install --quiet --no-compile --no-index --no-build-isolation --no-deps "$@" &&
+        "$here/bin/talc-gateway" --version | grep -F "$version" &&
+        (cd "$work" && "$here/bin/talc-gateway" check "$OLDPWD/deploy/debian/gateway.toml" &&
+            "$here/bin/python" -c 'import talc.learner, talc._kernel, simulators.devices')
+}
+
+debian_installs() {
+    mmdebstrap --variant=minbase --include=python3,libstdc++6,passwd --format=null \
+        --customize-hook='mkdir "$1/packages"' --customize-hook="copy-in $* /packages" \
+        --customize-hook='chroot "$1" sh -c "dpkg --install /packages/*.deb"' \
+        --customize-hook='chroot "$1" talc-gateway check /etc/talc-gateway/gateway.toml' \
+        --customize-hook='chroot "$1" /opt/talc-gateway/bin/python -c "import gateway.reporting.page"' \
+        "$(sed -n 's/^VERSION_CODENAME=//p' /etc/os-release)" /dev/null
+}
+
+step "source archive" sdist
+for python in python3.11 python3.12; do
+    if "$python" --version >/dev/null 2>&1; then
+        step "wheels, x86-64 and aarch64, by $python" env PYTHON="$python" deploy/wheels.sh "$output"
+    else
+        without "wheels by $python" "no such interpreter"
+    fi
+done
+step "Debian packages" deploy/debian/build.sh "$output"
+if command -v aarch64-linux-gnu-g++ >/dev/null; then
+    step "Debian packages for arm64" env ARCH=arm64 deploy/debian/build.sh "$output"
+else
+    without "Debian packages for arm64" "no g++-aarch64-linux-gnu"
+fi
+bill() { dpkg-deb --fsys-tarfile "$output"/talc-gateway_*_"$(dpkg --print-architecture)".deb |
+    tar -xO ./usr/share/doc/talc-gateway/sbom.cdx.json >"$output/talc-gateway-$version.cdx.json"; }
+step "list of components" bill
+
+for python in python3.11 python3.12 python3.13; do
+    tag=cp312-abi3
+    [ "$python" != python3.11 ] || tag=cp311-cp311
+    if "$python" --version >/dev/null 2>&1; then
+        step "$tag wheel into an empty $python" installs "$python" \
+            "$output"/talc_gateway-*-"$tag"-*"$(uname -m)".whl "$output"/talc_gateway_simulators-*.whl
+    else
+        without "$tag wheel into an empty $python" "no such interpreter"
+    fi
+done
+step "source archive into an empty python3.11" installs python3.11 \
+    "$output"/talc_gateway-*.tar.gz "$output"/talc_gateway_simulators-*.whl
+if [ "$(id -u)" = 0 ] && command -v mmdebstrap >/dev/null; then
+    step "Debian packages into an empty Debian" debian_installs "$output"/talc-gateway*_"$(dpkg --print-architecture)".deb
+else
+    without "Debian packages into an empty Debian" "needs root and mmdebstrap"
+fi
+(cd "$output" && rm -f SHA256SUMS && sha256sum -- * >SHA256SUMS)
+printf '\n%s\n' "$output"
+(cd "$output" && ls -lh | awk 'NR > 1 { print $5 "\t" $9 }')
+printf '%s\n' "${rows[@]}"
+exit $failed

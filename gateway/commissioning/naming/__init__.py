@@ -1,0 +1,1 @@
+"""`talc-gateway name`: which sensor is which, by warming one after the other."""

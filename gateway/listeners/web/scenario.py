@@ -1,0 +1,164 @@
+"""The next two hours as they are and under a load: the largest error at the tool, as curves."""
+
+import asyncio
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+
+import msgspec
+import numpy as np
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse, Response
+
+from drivers.base import SetupError
+from gateway.listeners.web.ahead import WARM_S, AheadError, ahead, ahead_along, planned_ahead
+from gateway.listeners.web.at_tool import ToolError
+from gateway.listeners.web.sentences import Atom, Sentence, ToldName, at, lasting, um
+from gateway.listeners.web.verdict import Viewpoint, tool_now
+from gateway.telemetry.answers import ScenarioPage
+from gateway.telemetry.scenario_queries import USUAL_MIN, minutes_of
+from gateway.telemetry.subscriber.instants import instant
+from gateway.telemetry.subscriber.machine import MachineSeen
+from gateway.telemetry.subscriber.site import SiteSeen
+from talc.frame import FloatArray
+
+AskScenario = Callable[[str, str, int], ScenarioPage]
+"""A machine's errors under a load for so many minutes. Blocks. Raises OSError."""
+_ENCODER = msgspec.json.Encoder()
+_MOST_LETTERS = 40
+
+
+@dataclass(frozen=True, slots=True)
+class ShownBranch:
+    """The largest error of the three axes from now on, µm; null: not known."""
+
+    load: str
+    """Name of a planned load; empty: as it is now."""
+    t: list[float]
+    """Seconds from now."""
+    far: list[float | None]
+    low: list[float | None]
+    """The least and the most that `far` will be."""
+    high: list[float | None]
+
+
+@dataclass(frozen=True, slots=True)
+class ShownScenario:
+    """What a browser is sent."""
+
+    branches: list[ShownBranch]
+    said: list[Sentence] = field(default_factory=list)
+
+
+def branches(seen: MachineSeen, viewpoint: Viewpoint, error: ToolError | None) -> list[ShownBranch]:
+    """As it is, and under each planned load, by the published forecast. error: at the tool now"""
+    coming = ahead(seen, viewpoint.matrix) if seen.present else None
+    if coming is None or error is None or not np.isfinite(error.far).all():
+        return []
+    loads = planned_ahead(seen, viewpoint.matrix)
+    return [_branch("", error, coming), *(_branch(name, error, each) for name, each in loads.items() if each)]
+
+
+def _branch(load: str, now: ToolError, coming: AheadError) -> ShownBranch:
+    near = np.array(coming.seconds) <= WARM_S
+    first = float(np.max(now.far))
+
+    def column(values: FloatArray) -> list[float | None]:
+        largest = np.max(values[near], axis=1)  # NaN where an axis is not known
+        return [round(first, 2), *(round(v, 2) if np.isfinite(v) else None for v in largest.tolist())]
+
+    seconds = [0.0, *np.array(coming.seconds)[near].tolist()]
+    return ShownBranch(load, seconds, column(coming.far), column(coming.low), column(coming.high))
+
+
+def shown_scenario(seen: MachineSeen, page: ScenarioPage, viewpoint: Viewpoint, now_s: float) -> ShownScenario:
+    """A scenario at the chosen point, and what it says. Raises ValueError for columns of different lengths."""
+    error, made = tool_now(seen, viewpoint.matrix, now_s).error, instant(page.time)
+    values: dict[str, Atom] = {"load": _told(page.loads), "lasts": lasting(60.0 * page.minutes)}
+    if not page.loads:
+        return ShownScenario([], [Sentence("scenario.no_load")])
+    if error is None or seen.forecast is None or made is None or not np.isfinite(error.far).all():
+        return ShownScenario([], [Sentence("scenario.no_forecast")])
+    stays = ahead_along(seen, page, page.stays, viewpoint.matrix)
+    if not page.loaded:
+        return ShownScenario([_branch("", error, stays)], [Sentence("scenario.unknown", values)])
+    run = ahead_along(seen, page, page.loaded, viewpoint.matrix)
+    said = list(_said(values, error, stays, run, viewpoint.tolerance_um))
+    return ShownScenario([_branch("", error, stays), _branch("?", error, run)], said)
+
+
+def _told(loads: Mapping[str, float]) -> Atom:
+    return ToldName(", ".join(f"{name} {value:.4g}" for name, value in loads.items()))
+
+
+def _said(
+    values: dict[str, Atom], now: ToolError, stays: AheadError, run: AheadError, tolerance_um: float | None
+) -> Iterator[Sentence]:
+    """When the whole interval is within the tolerance; else how much less is left in the end."""
+    known = run.known()
+    if not known.any():
+        yield Sentence("scenario.not_checked", values)
+        return
+    last = int(np.flatnonzero(known)[-1])
+    ended: dict[str, Atom] = values | {"at": at(run.at[last]), "far": um(float(np.max(run.high[last])))}
+    as_now = float(np.max(stays.far[last]))
+    gain = as_now - float(np.max(run.far[last]))
+    ended |= {"stays": um(as_now), "gain": um(abs(gain))}
+    inside = known & (tolerance_um is not None) & (run.high <= (tolerance_um or 0.0)).all(axis=1)
+    already = tolerance_um is not None and bool(np.max(now.far) <= tolerance_um)
+    if already and inside[known].all():
+        yield Sentence("scenario.stays", ended)
+    elif already:
+        first = int(np.flatnonzero(known & ~inside)[0])
+        leaves: dict[str, Atom] = {"at": at(run.at[first]), "far": um(float(np.max(run.high[first])))}
+        yield Sentence("scenario.leaves", ended | leaves)
+    elif inside.any():
+        first = int(np.argmax(inside))
+        ready: dict[str, Atom] = {"at": at(run.at[first]), "far": um(float(np.max(run.high[first])))}
+        yield Sentence("scenario.ready", ended | ready)
+    else:
+        yield Sentence("scenario.better" if gain > 0.0 else "scenario.worse", ended)
+
+
+class ScenarioPages:
+    """Answers with scenarios.
+
+    Parameters
+    ----------
+    site: whose machines are asked
+    ask: where scenarios come from; None: nowhere
+    viewpoint_of: how a browser's query looks at each machine; raises SetupError
+    """
+
+    def __init__(
+        self,
+        site: SiteSeen,
+        ask: AskScenario | None,
+        viewpoint_of: Callable[[Mapping[str, str]], Callable[[str], Viewpoint]],
+    ) -> None:
+        self._site, self._ask, self._viewpoint_of = site, ask, viewpoint_of
+        self._asking = asyncio.Semaphore(1)
+
+    async def scenario(self, request: Request) -> Response:
+        """The machine's next two hours under `load`, for `minutes`."""
+        name, query = request.path_params["name"], request.query_params
+        load = query.get("load", "")
+        if not self._site.may_be(name):
+            return PlainTextResponse("This is not a valid name of a machine.", 404)
+        try:
+            viewpoint = self._viewpoint_of(query)(name)
+            minutes = minutes_of(query.get("minutes", USUAL_MIN))
+        except (SetupError, ValueError) as error:
+            return PlainTextResponse(str(error), 400)
+        if len(load) > _MOST_LETTERS or set(load) & set(";?#"):
+            return PlainTextResponse("load: expected the name of a planned load", 400)
+        if self._ask is None:
+            return PlainTextResponse("not connected", 503)
+        try:
+            async with self._asking:
+                page = await asyncio.to_thread(self._ask, name, load, minutes)
+            with self._site.machines() as machines:
+                seen = machines.get(name) or MachineSeen(name)
+                shown = shown_scenario(seen, page, viewpoint, self._site.now_s())
+        except (OSError, ValueError) as error:
+            return PlainTextResponse(str(error), 503)
+        return Response(_ENCODER.encode(shown), media_type="application/json")

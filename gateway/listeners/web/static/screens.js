@@ -1,0 +1,27 @@
+// The screens of a machine: each has an address, so that the browser's Back works.
+import { $, make } from "./elements.js";
+
+const NAMES = ["now", "time", "why", "sensors", "log"];
+const shown = { screen: "now", axis: "Z", body: "" };
+export const AXES = ["X", "Y", "Z"];
+const watchers = [];
+// Calls `change` with what is shown: whenever that changes, and at once.
+export const watch = (change) => { watchers.push(change); change(shown); };
+const read = () => {
+  const [screen, what = ""] = decodeURIComponent(location.hash.slice(1)).split("/");
+  if (NAMES.includes(screen)) shown.screen = screen;
+  if (AXES.includes(what)) shown.axis = what;
+  if (shown.screen === "sensors") shown.body = screen === "sensors" ? what : "";
+  document.body.dataset.screen = shown.screen;
+  for (const link of document.querySelectorAll("#rail [data-screen]"))
+    if (link.dataset.screen === shown.screen) link.setAttribute("aria-current", "page"); else link.removeAttribute("aria-current");
+  for (const link of document.querySelectorAll('[data-choice="axis"] a'))
+    if (link.textContent === shown.axis) link.setAttribute("aria-current", "true"); else link.removeAttribute("aria-current");
+  watchers.forEach((change) => change(shown));
+};
+export const readyScreens = () => {
+  document.body.classList.toggle("panel", new URLSearchParams(location.search).has("panel"));
+  document.querySelector('[data-choice="axis"]').replaceChildren(...AXES.map((axis) => Object.assign(make("a", axis), { href: `#time/${axis}` })));
+  addEventListener("hashchange", () => { read(); $("main").scrollTop = 0; });
+  read();
+};

@@ -1,0 +1,85 @@
+// The next two hours: the largest error left, as it is and under loads; and what a load would do that somebody thinks of.
+import { machine, query } from "./choice.js";
+import { $, changed, drawn, make, put, say } from "./elements.js";
+import { amount, clock, time, word } from "./words.js";
+
+let latest = null, asked = null, tolerance = null;
+const WIDE = matchMedia("(min-width: 1200px) and (min-height: 640px)"), NARROW = matchMedia("(max-width: 760px)");
+const HOURS = 2, PAD = [40, 10, 12, 24];
+const numbers = (list) => list.filter((n) => n !== null);
+const STYLES = ["b0", "b1", "b2", "b3"];
+// branches: as the server tells them; the last one may be what somebody has asked for
+const picture = (branches, width, height) => {
+  const [left, right, top, bottom] = PAD, most = 1.15 * Math.max(tolerance ?? 0, ...branches.flatMap((b) => numbers(b.far)), 1);
+  const x = (s) => left + (width - left - right) * s / (HOURS * 3600), y = (um) => height - bottom - (height - top - bottom) * Math.min(um, most) / most;
+  const path = (points) => points.length ? "M" + points.map(([s, um]) => `${x(s).toFixed(1)} ${y(um).toFixed(1)}`).join("L") : "";
+  const found = [], size = most > 40 ? 20 : most > 16 ? 8 : most > 8 ? 4 : 2;
+  if (tolerance) found.push(drawn("rect", { class: "inside-zone", x: left, y: y(tolerance), width: width - left - right, height: height - bottom - y(tolerance) }));
+  for (let um = 0; um < most; um += size) found.push(drawn("path", { class: "grid", d: `M${left} ${y(um)}H${width - right}` }), drawn("text", { class: "end", x: left - 5, y: y(um) + 4 }, amount({ n: um, d: 0 })));
+  if (tolerance) found.push(drawn("path", { class: "limit", d: `M${left} ${y(tolerance)}H${width - right}` }));
+  branches.forEach((b, i) => {
+    const kind = b.load === "?" ? "asked" : STYLES[Math.min(i, STYLES.length - 1)], known = b.t.flatMap((s, j) => b.low[j] !== null && b.high[j] !== null ? [j] : []);
+    const edge = (column, order) => order.map((j) => [b.t[j], column[j]]);
+    if (known.length > 1) found.push(drawn("path", { class: `reach ${kind}`, d: path([...edge(b.low, known), ...edge(b.high, [...known].reverse())]) + "Z" }));
+    found.push(drawn("path", { class: `line ${kind}`, d: path(b.t.flatMap((s, j) => b.far[j] === null ? [] : [[s, b.far[j]]])) }));
+    const ready = tolerance ? known.find((j) => b.high[j] <= tolerance) : undefined;
+    if (ready) found.push(drawn("circle", { class: "ready", cx: x(b.t[ready]), cy: y(b.high[ready]), r: 5 }));
+  });
+  const now = latest?.gateway_time ? Date.parse(latest.gateway_time) : Date.now();
+  for (let s = 0; s <= HOURS * 3600; s += 1800) if (s % 3600 === 0 || width > 440) found.push(drawn("text", { class: s ? s === HOURS * 3600 ? "end" : "mid" : "", x: x(s), y: height - 6 }, clock.format(now + s * 1e3)));
+  return found;
+};
+const nameOf = (b) => b.load === "?" ? word("scenario.asked") : b.load || word("scenario.as_now");
+const show = () => {
+  if (!latest) return;
+  const place = $("warm"), own = (latest.branches ?? []).filter((b) => !asked || b.load === "");
+  const branches = asked?.branches.length ? asked.branches : own, { clientWidth: width, clientHeight: height } = place;
+  $("warm-empty").classList.toggle("spare", branches.length > 0);
+  if (!width || !changed("warm", [branches, tolerance, width, height, time(latest.gateway_time)])) return;
+  place.setAttribute("viewBox", `0 0 ${width} ${height}`);
+  place.replaceChildren(...(branches.length ? picture(branches, width, height) : []));
+  $("warm-names").replaceChildren(...branches.map((b, i) => {
+    const item = make("span", nameOf(b), "branch"), mark = make("i", undefined, b.load === "?" ? "asked" : STYLES[Math.min(i, STYLES.length - 1)]);
+    item.prepend(mark);
+    return item;
+  }));
+};
+const offer = (planned) => {
+  if (!changed("warm-load", planned)) return;
+  const chosen = $("warm-load").value;
+  $("warm-load").replaceChildren(...[["", word("scenario.spindle")], ...planned.map((name) => [name, name])].map(([value, text]) => Object.assign(make("option", text), { value })));
+  if (planned.includes(chosen)) $("warm-load").value = chosen;
+};
+// v: what the page shows
+export const showWhen = (v) => {
+  latest = v;
+  tolerance = v.tolerance_um;
+  if (!v.alive) { asked = null; $("warm-said").replaceChildren(); }
+  $("warm-ask").disabled = !v.alive;
+  offer(v.planned ?? []);
+  show();
+};
+const ask = async () => {
+  const minutes = Number($("warm-minutes").value), parameters = new URLSearchParams({ load: $("warm-load").value, minutes: String(minutes) });
+  if (!$("warm-minutes").reportValidity()) return;
+  $("warm-ask").disabled = true;
+  const answer = await fetch(`/scenario/${encodeURIComponent(machine)}?${parameters}&${query()}`).catch(() => null);
+  $("warm-ask").disabled = false;
+  if (answer && answer.ok) {
+    asked = await answer.json();
+    $("warm-said").replaceChildren(...say(asked.said));
+  } else {
+    asked = null;
+    put($("warm-said"), answer ? await answer.text() : word("word.lost"));
+  }
+  show();
+};
+// A desktop and a phone have it on the first screen; a panel beside what moves the errors.
+const settle = () => (WIDE.matches || NARROW.matches ? $("now") : document.querySelector("#why .column")).append($("when"));
+export const readyWhen = () => {
+  $("warm-ask").addEventListener("click", ask);
+  for (const each of ["warm-load", "warm-minutes"]) $(each).addEventListener("change", () => { asked = null; $("warm-said").replaceChildren(); show(); });
+  for (const each of [WIDE, NARROW]) each.addEventListener("change", settle);
+  settle();
+  new ResizeObserver(show).observe($("warm"));
+};

@@ -1,0 +1,111 @@
+// What moved each error: stacked bars that add up, of now or of a moment that somebody has chosen.
+import { machine } from "./choice.js";
+import { $, changed, make, piece, put } from "./elements.js";
+import { onMoment } from "./chart.js";
+import { heat, means } from "./model.js";
+import { AXES } from "./screens.js";
+import { amount, time, word } from "./words.js";
+
+const REST = "", LEVEL = "=", SINCE = ">";
+let latest = null, axis = "Z", moment = null, then = null;
+const tenths = (n) => Math.round(n * 10) / 10;
+// Rounded parts that add up to the rounded sum: what rounding leaves goes to the rest.
+const even = (parts, total) => {
+  const own = parts.map((p) => ({ ...p, n: tenths(p.n) })), rest = own.find((p) => p.key === REST), gap = tenths(tenths(total) - own.reduce((sum, p) => sum + p.n, 0));
+  if (rest) rest.n = tenths(rest.n + gap); else if (gap) own.push({ key: REST, n: gap });
+  return own.filter((p) => p.n);
+};
+const named = (key) => key === REST ? word("heat.others") : key === LEVEL ? word("heat.level") : key === SINCE ? word("moves.since").replace("{at}", time(latest.reasons)) : key;
+const OWN = [REST, LEVEL, SINCE];
+// The largest first, and then what is no input.
+const ranked = (parts) => [...parts].sort((a, b) => OWN.includes(a.key) - OWN.includes(b.key) || Math.abs(b.n) - Math.abs(a.n));
+// rows: [{ name, note, unit, total, parts: [{ key, n, part }], said }]; all on one scale for each unit. said: instead of parts
+export const stacks = (rows) => {
+  const by = latest ? means(latest.channels) : {}, ends = {};
+  for (const { unit, parts } of rows) {
+    const [low, high] = ends[unit] ?? [0, 0], sum = (sign) => parts.filter((p) => p.n * sign > 0).reduce((all, p) => all + p.n, 0);
+    ends[unit] = [Math.min(low, sum(-1)), Math.max(high, sum(1))];
+  }
+  return rows.map(({ name, note, unit, total, parts, key, said: why }) => {
+    const row = make("div", undefined, "stack"), track = make("div", undefined, "track"), [low, high] = ends[unit], wide = high - low || 1;
+    const at = (n) => (n - low) / wide * 100;
+    let up = 0, down = 0;
+    for (const p of [...parts].sort((a, b) => Math.abs(b.n) - Math.abs(a.n))) {
+      const from = p.n > 0 ? up : down + p.n, to = from + Math.abs(p.n), shown = piece(p.key === REST ? "share rest" : p.key === LEVEL || p.key === SINCE ? "share level" : "share", at(from), at(to));
+      const degrees = by[p.part]?.mean;
+      if (degrees !== undefined && degrees !== null) shown.style.setProperty("--heat", heat(degrees)); else shown.classList.add("plain");
+      shown.title = `${named(p.key)} ${amount({ n: p.n, u: unit, d: 1, sign: true })}`;
+      if (p.n > 0) up = to; else down = from;
+      track.append(shown);
+    }
+    if (!why) track.append(piece("nought", at(0)), piece("sum", at(total)));
+    const said = make("p", why, "parts");
+    said.append(...ranked(parts).flatMap((p, i) => [i ? " " : "", Object.assign(make("span", `${named(p.key)}\u00a0${amount({ n: p.n, d: 1, sign: true })}`), { className: "part-of" })]));
+    track.setAttribute("aria-hidden", "true");
+    const title = make("h4", name);
+    if (note) title.append(" ", make("small", note));
+    row.append(title, track, make("p", amount({ n: why ? null : total, u: unit, d: 1, sign: true }), "total number"), said);
+    if (key) row.dataset.key = key;
+    return row;
+  });
+};
+// As `driven` tells of the last reasons, with what has changed since, and the corrections of a moment.
+const errorsNow = ({ driven, errors }) => driven.map((e) => {
+  if (!e.corrected) return { error: e.error, total: 0, unit: e.estimate.u, parts: [], said: word("heat.not_corrected") };
+  const total = errors[e.error] ?? e.estimate.n;
+  return { error: e.error, total, unit: e.estimate.u, parts: [...e.movers.map(([key, by]) => ({ key, n: by.n })),
+    { key: REST, n: e.others.n }, { key: LEVEL, n: e.level.n }, { key: SINCE, n: total - e.estimate.n }] };
+});
+const errorsThen = (lines) => lines.map((c) => ({ error: c.error, total: c.estimate.n, unit: c.estimate.u,
+  parts: [...c.movers.map(([key, by]) => ({ key, n: by.n })), { key: REST, n: c.rest.n }] }));
+const bodyOf = (channel) => latest.channels.find((c) => c.channel === channel)?.body ?? "";
+const errorRows = (errors) => errors.map((e) => ({ name: e.error, note: word("error." + e.error), unit: e.unit, total: tenths(e.total), key: e.error, said: e.said,
+  parts: even(e.parts.map((p) => ({ ...p, part: bodyOf(p.key) })), e.total) }));
+const axisRow = (errors, i) => {
+  const found = new Map();
+  let total = 0;
+  for (const e of errors) {
+    const reach = latest.reach[e.error][i];
+    total += reach * e.total;
+    for (const p of e.parts) {
+      const own = OWN.includes(p.key), part = own ? "" : bodyOf(p.key), key = own ? p.key : part ? word("body." + part) : p.key;
+      const sum = found.get(key) ?? { key, part, n: 0 };
+      sum.n += reach * p.n;
+      found.set(key, sum);
+    }
+  }
+  return { name: AXES[i], unit: "µm", total: tenths(total), key: AXES[i], parts: even([...found.values()], total) };
+};
+const show = () => {
+  if (!latest) return;
+  const errors = moment === null ? errorsNow(latest) : then ?? [];
+  if (!changed("why", [moment, errors, latest.reach, axis, time(latest.gateway_time)])) return;
+  const rows = errors.length ? AXES.map((_, i) => axisRow(errors, i)) : [], none = () => [make("p", word("heat.no_reasons"), "empty")];
+  $("why-axes").replaceChildren(...(rows.length ? stacks(rows) : none()));
+  $("drives").replaceChildren(...stacks(errorRows(errors)));
+  $("drives-empty").hidden = errors.length > 0;
+  $("moment-why").replaceChildren(...(rows.length ? stacks([rows[AXES.indexOf(axis)]]) : none()));
+  put($("why-moment"), moment === null ? "" : time(moment * 1e3));
+  const at = moment === null ? latest.reasons && time(latest.gateway_time) : time(moment * 1e3);
+  put($("moment-title"), word("moves.title") + (at ? ` · ${at}` : ""));
+};
+export const showWhy = (v) => {
+  latest = v;
+  show();
+};
+export const showAxis = (shown) => { axis = shown.axis; show(); };
+let asking = 0;
+export const readyWhy = () => onMoment(async (t) => {
+  const own = ++asking;
+  moment = t;
+  then = null;
+  show();
+  if (t === null) return;
+  const before = new Date(t * 1e3 + 1).toISOString();
+  const answer = await fetch(`/corrections/${encodeURIComponent(machine)}?before=${encodeURIComponent(before)}`).catch(() => null);
+  const lines = answer && answer.ok ? (await answer.json()).lines : [];
+  if (own !== asking) return;
+  const last = Math.max(...lines.map((c) => c.k));
+  then = errorsThen(lines.filter((c) => c.k === last));
+  show();
+});

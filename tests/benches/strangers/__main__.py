@@ -1,0 +1,34 @@
+"""Tries devices of many seeds: `python -m tests.benches.strangers --seeds 200000`; one: `--seed 17 --show`."""
+
+import logging
+import sys
+import time
+from pprint import pprint
+
+import click
+
+from tests.benches.strangers.modbus_trial import show, tried
+
+
+@click.command()
+@click.option("--seeds", default=300, show_default=True, help="How many are tried.")
+@click.option("--seed", default=0, show_default=True, help="The first one.")
+@click.option("--show", "shows", is_flag=True, help="Show all of the first one.")
+def main(seeds: int, seed: int, shows: bool) -> None:
+    """Exit code 1: a device was not read as it must be. Each is one line, with the seed that repeats it."""
+    logging.disable(logging.CRITICAL)
+    if shows:
+        pprint(show(seed), width=150)
+        return
+    began_s, failed = time.process_time(), 0
+    for one in range(seed, seed + seeds):
+        trial = tried(one)
+        if problems := list(trial.problems()):
+            failed += 1
+            click.echo(f"seed {one} ({trial.nature}): {'; '.join(problems)}")
+    click.echo(f"{seeds} devices, {failed} not read as they must be, {time.process_time() - began_s:.1f} s")
+    sys.exit(1 if failed else 0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,184 @@
+"""Reads a drawn Modbus device with the gateway's acquisition and with a plain client, and compares."""
+
+import asyncio
+import random
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from functools import cache
+from itertools import count, pairwise
+from pathlib import Path
+
+from drivers.base import Quality
+from drivers.build import make_device
+from gateway.acquisition.line import Line
+from gateway.acquisition.runner import BusRunner
+from gateway.model.notice import Notice
+from gateway.model.sample import Sample
+from tests.benches.buses import make_bus
+from tests.benches.strangers.driven_loop import DrivenLoop, LoopClock, run_driven
+from tests.benches.strangers.modbus_client import Wanted, plainly_read
+from tests.benches.strangers.modbus_host import ForeignModbus
+from tests.benches.strangers.modbus_nature import Memory, Nature, age_s, drawn, told
+
+PERIODS = 50
+WITHIN = 20
+"""So many periods the gateway has to get to know a device."""
+_READ = 0.75
+"""Share of the plain client's readings that the gateway must have."""
+_IN_TIME = 0.9
+"""Of the period: what the plain client has read by then."""
+_READ_LATE = 0.2
+"""The share that the gateway must have of what the plain client reads at all."""
+_OFTEN = 0.5
+"""In this share of the periods at least the plain client reads what it can read."""
+_FEW = 2.0
+"""So many fewer are chance."""
+_STEP_S = 0.02
+"""Of the registers' time."""
+
+_FUNCTIONS_AND_ADDRESSES = ((4, 0), (4, 200), (3, 0))
+
+
+def _blocks(nature: Nature) -> Sequence[tuple[int, int, int]]:
+    """Function, address and channels of each."""
+    places = _FUNCTIONS_AND_ADDRESSES[: nature.blocks]
+    return [(f, a, 2 if nature.alike or i == 0 else 1) for i, (f, a) in enumerate(places)]
+
+
+@cache
+def _profile(blocks: tuple[tuple[int, int, int], ...]) -> str:
+    path = Path(tempfile.mkdtemp(prefix="strangers")) / "blocks.toml"
+    text = 'protocol = "modbus"\ntitle = "some blocks"\nbuses = ["modbus_rtu", "modbus_tcp"]\nunit = "1"\n'
+    for function, address, channels in blocks:
+        text += f'[[block]]\nfunction = {function}\naddress = {address}\nchannels = {channels}\ntype = "uint16"\n'
+    path.write_text(text)
+    return str(path)
+
+
+def _memory(nature: Nature, unit: int) -> Memory:
+    places = ((f, a + i) for f, a, channels in _blocks(nature) for i in range(channels))
+    return Memory(unit, {place: number for number, place in enumerate(places)})
+
+
+class Trial:
+    """One seed."""
+
+    def __init__(self, nature: Nature, seed: int) -> None:
+        self.nature, self.seed = nature, seed
+        self.units = range(1, nature.units + 1)
+        self.lasts_s = PERIODS * nature.period_s
+        self.ignores_numbers = nature.number != "right" and nature.in_order and bool(seed % 2)
+        """Whether the gateway is told to, and the plain client does."""
+        self.wrong: list[str] = []
+        self.good: dict[str, list[float]] = {}
+        self.polled: dict[int, list[float]] = {unit: [] for unit in self.units}
+        self.said: dict[str, int] = {}
+        self.notices: list[str] = []
+        self.plain: list[dict[int, float]] = []
+
+    def _host(self, loop: DrivenLoop) -> None:
+        memories = {unit: _memory(self.nature, unit) for unit in self.units}
+        loop.hosts["host"] = ForeignModbus(loop, self.nature, memories, random.Random(self.seed))
+
+    def run(self) -> None:
+        run_driven(self._gateway)
+        run_driven(self._plain)
+
+    async def _plain(self, loop: DrivenLoop) -> None:
+        self._host(loop)
+        asked: dict[Wanted, int] = {}
+        for unit in self.units:
+            number = 0
+            for function, address, channels in _blocks(self.nature):
+                asked[unit, function, address, channels] = number
+                number += channels
+        self.plain = await plainly_read(
+            loop, self.nature, list(asked), asked, self.lasts_s, ignores_numbers=self.ignores_numbers
+        )
+
+    async def _gateway(self, loop: DrivenLoop) -> None:
+        self._host(loop)
+        nature, clock, began_s = self.nature, LoopClock(loop), loop.time()
+        kind = "modbus_tcp" if nature.wire == "tcp" else "modbus_rtu_tcp"
+        options = {"transaction_id": "ignore"} if self.ignores_numbers else {}
+        bus = make_bus("bus", kind, {"host": "host", "port": 502, "timeout_s": nature.timeout_s, **options})
+        profile = _profile(tuple(_blocks(nature)))
+        drivers = []
+        for unit in self.units:
+            channels = {f"{unit}.{i}": i for i in range(sum(b[2] for b in _blocks(nature)))}
+            drivers.append(make_device(f"d{unit}", bus, profile, unit, channels, {}, clock))
+            self.good.update((name, []) for name in channels)
+        last_s = dict.fromkeys(self.units, began_s)
+
+        def publish(samples: Sequence[Sample]) -> None:
+            unit, now_s = int(samples[0].channel[0]), loop.time()
+            for sample in samples:
+                if sample.quality is not Quality.GOOD:
+                    self.said[sample.detail] = self.said.get(sample.detail, 0) + 1
+                    continue
+                number, word = int(sample.channel[2:]), int(sample.value)
+                if told(word)[:2] != (unit, number):
+                    self.wrong.append(f"{now_s - began_s:.2f} s: {sample.channel} shows register {told(word)[:2]}")
+                elif age_s(word, now_s) > now_s - last_s[unit] + _STEP_S:
+                    self.wrong.append(f"{now_s - began_s:.2f} s: {sample.channel} is {age_s(word, now_s):.2f} s old")
+                self.good[sample.channel].append(now_s - began_s)
+            last_s[unit] = now_s
+            self.polled[unit].append(now_s - began_s)
+
+        def notify(notice: Notice) -> None:
+            self.notices.append(f"{loop.time() - began_s:.2f} s: {'end: ' if notice.ended else ''}{notice.text}")
+
+        line = Line(bus, tuple(drivers), nature.period_s)
+        runner = BusRunner(line, clock, publish, notify, count(1).__next__, quiet=True)
+        running = asyncio.ensure_future(runner.run())
+        await asyncio.sleep(self.lasts_s)
+        running.cancel()
+        with suppress(asyncio.CancelledError):
+            await running
+
+    def problems(self) -> Iterator[str]:
+        """What is not as it must be."""
+        yield from self.wrong[:3]
+        period_s = self.nature.period_s
+        since_s = WITHIN * period_s
+        rounds = self.plain[WITHIN * len(self.plain) // PERIODS :]
+        for unit in self.units:
+            theirs = sum(unit in read for read in rounds)
+            in_time = sum(read.get(unit, period_s) < _IN_TIME * period_s for read in rounds)
+            ours = sum(s >= since_s for s in self.good[f"{unit}.0"])
+            least = max(_READ * in_time if in_time >= _OFTEN * len(rounds) else 0.0, _READ_LATE * theirs) - _FEW
+            if ours < least:
+                yield f"unit {unit}: {ours} readings, a plain client has {theirs}, {in_time} of them in time"
+        if self.nature.units == 2 and self.nature.only_last and self._is_of_a_unit:
+            gaps = sorted(b - a for a, b in pairwise(s for s in self.polled[1] if s >= since_s))
+            often_s = gaps[-len(gaps) // 10 - 1]
+            if often_s > 1.2 * self.nature.period_s:
+                yield f"unit 1 is polled after up to {gaps[-1]:.2f} s, often {often_s:.2f} s"
+
+    @property
+    def _is_of_a_unit(self) -> bool:
+        """Whether its oddity is only the last unit's, so that the other one need not suffer."""
+        n = self.nature
+        connection = n.mute_s or n.lingers_s or n.closes_after or n.closes_idle_s or n.behind or n.restarts
+        return not (connection or n.number != "right" or n.answers_as >= 0 or n.noise or n.twice or n.pieces_s)
+
+
+def tried(seed: int) -> Trial:
+    """The trial of that seed."""
+    trial = Trial(drawn(random.Random(seed)), seed)
+    trial.run()
+    return trial
+
+
+def show(seed: int) -> Mapping[str, object]:
+    """All of one seed, to look at."""
+    trial = tried(seed)
+    return {
+        "nature": str(trial.nature),
+        "problems": list(trial.problems()),
+        "said": trial.said,
+        "notices": trial.notices,
+        "good": {c: len(v) for c, v in trial.good.items()},
+        "plain": trial.plain,
+    }

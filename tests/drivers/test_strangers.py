@@ -1,0 +1,47 @@
+"""Devices that nobody here wrote, drawn from seeds: no wrong value, and read whenever a plain client can read them.
+
+The seeds are the first ones, not selected; `python -m tests.benches.strangers --seeds 200000` tries more of them.
+"""
+
+import logging
+from collections.abc import Iterator
+
+import pytest
+
+from tests.benches.strangers.modbus_nature import Nature
+from tests.benches.strangers.modbus_trial import Trial, tried
+
+FIRST = 200
+TOGETHER = 20
+KEPT = (329, 413, 454, 493, 542, 577, 722, 734, 758, 808, 825, 868, 1916, 3290, 3367)
+"""Each showed another register, or an old value, or was never read, once."""
+
+
+@pytest.fixture(autouse=True)
+def no_log() -> Iterator[None]:
+    logging.disable(logging.CRITICAL)
+    yield
+    logging.disable(logging.NOTSET)
+
+
+SLOW = tuple(Nature(wire, period_s=0.5, timeout_s=0.5, took_s=0.6) for wire in ("tcp", "rtu"))
+"""Slower than their timeout and their period."""
+
+
+@pytest.mark.parametrize("begin", range(0, FIRST, TOGETHER))
+def test_the_first_ones(begin: int) -> None:
+    problems = {seed: found for seed in range(begin, begin + TOGETHER) if (found := list(tried(seed).problems()))}
+    assert not problems
+
+
+@pytest.mark.parametrize("seed", KEPT)
+def test_those_that_were_read_wrongly_once(seed: int) -> None:
+    trial = tried(seed)
+    assert not list(trial.problems()), trial.nature
+
+
+@pytest.mark.parametrize("nature", SLOW, ids=str)
+def test_those_that_are_slower_than_they_may_be(nature: Nature) -> None:
+    trial = Trial(nature, 1)
+    trial.run()
+    assert not list(trial.problems())

@@ -1,0 +1,62 @@
+"""A port that strangers fill serves those who send their request, and ends the connections of those who do not."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+from gateway.runtime.listening import ACCEPTED_AT_ONCE, GuardedSocket
+
+LIMIT_S = 60.0
+SILENT = 300
+PLACES = 8
+Streams = tuple[asyncio.StreamReader, asyncio.StreamWriter]
+
+
+@asynccontextmanager
+async def echoing(first_request_s: float) -> AsyncIterator[GuardedSocket]:
+    """A server that sends back each line, and knows who has sent one that begins with `me`."""
+    listening = GuardedSocket("127.0.0.1", 0, strangers=PLACES, known=1, first_request_s=first_request_s)
+
+    async def answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        while line := await reader.readline():
+            if line.startswith(b"me"):
+                listening.know(writer.get_extra_info("peername"))
+            writer.write(line)
+        writer.close()
+
+    async with asyncio.timeout(LIMIT_S), await asyncio.start_server(answer, sock=listening, backlog=ACCEPTED_AT_ONCE):
+        yield listening
+        await listening.end()
+
+
+async def opened(listening: GuardedSocket, line: bytes = b"") -> Streams:
+    reader, writer = await asyncio.open_connection(*listening.getsockname())
+    writer.write(line)
+    return reader, writer
+
+
+async def test_however_many_are_silent_who_asks_is_answered_and_who_is_known_stays() -> None:
+    async with echoing(LIMIT_S) as listening:
+        mine = await opened(listening, b"me\n")
+        assert await mine[0].readline() == b"me\n"
+        silent = [await opened(listening, b"GET") for _ in range(SILENT)]
+        asked = await opened(listening, b"hello\n")
+        assert await asked[0].readline() == b"hello\n"
+        mine[1].write(b"still here\n")
+        assert await mine[0].readline() == b"still here\n"
+        ended = await asyncio.gather(*(reader.read() for reader, _ in silent[:-PLACES]))
+        assert ended == [b""] * len(ended)
+        for _, writer in (mine, asked, *silent):
+            writer.close()
+
+
+async def test_who_sends_no_request_in_time_is_cut_off_and_also_who_is_one_too_many_to_be_known() -> None:
+    async with echoing(0.2) as listening:
+        mine, other, silent = [await opened(listening, line) for line in (b"me\n", b"me too\n", b"")]
+        assert await mine[0].readline() == b"me\n"
+        assert await other[0].readline() == b"me too\n"
+        assert (await other[0].read(), await silent[0].read()) == (b"", b"")
+        mine[1].write(b"still here\n")
+        assert await mine[0].readline() == b"still here\n"
+        for _, writer in (mine, other, silent):
+            writer.close()
