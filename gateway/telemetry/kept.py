@@ -58,7 +58,9 @@ class KeptSession:
     ) -> None:
         self._kept, self._opened, self._changed, self._look_on = kept, opened, changed, looked
         self._closed, self._tried = threading.Event(), threading.Event()
-        self._thread = threading.Thread(target=self._run, name="telemetry session", daemon=True)
+        # The threads of Zenoh's callbacks are as the one that begins them. One that is a daemon aborts the process when
+        # it wakes while the interpreter ends: Python then ends the thread, which Rust does not allow.
+        self._thread = threading.Thread(target=self._run, name="telemetry session", daemon=False)
         self.session: zenoh.Session | None = None
         """None: it has not opened yet."""
         self.connection = Connection(datetime.now(UTC))
@@ -86,6 +88,10 @@ class KeptSession:
 
     def _run(self) -> None:
         while not self._closed.is_set():
+            if not threading.main_thread().is_alive():  # the program ends, and nobody has closed this
+                if self.session is not None:
+                    self.session.close()
+                return
             try:
                 self._found(self._opened_anew() if self.session is None else self._looked(self.session))
             except Exception:  # it is tried again; without this thread nothing would be published

@@ -21,6 +21,8 @@ import hal
 import linuxcnc
 
 _LIMIT_S = 60.0
+_LOCKED_S = 1.0
+"""A program that waits for HAL's lock for so long waits for ever."""
 ARRIVED = 1e-7
 """An axis has arrived within this distance of its setpoint, in the machine's units or degrees."""
 _LISTENS = "0A"
@@ -138,14 +140,23 @@ class ControlScreen:
             return lines.readline()
 
     def freeze(self, name: str) -> None:
-        """Freeze a part of LinuxCNC until `thaw`, as if its computer hung; returns when none of its threads runs."""
-        processes = _signal(name, signal.SIGSTOP)
-        # One thread takes the signal and stops the others: beside busy programs they run on until it has a core.
-        deadline = time.monotonic() + _LIMIT_S
-        while not all(map(_stopped, processes)):
-            if time.monotonic() > deadline:
-                raise TimeoutError(f"{name} runs on")
-            time.sleep(0.001)
+        """Freeze a part of LinuxCNC until `thaw`, as if its computer hung; returns when none of its threads runs.
+
+        Never while it holds the lock of HAL, for which every other program would wait.
+        """
+        while True:
+            processes = _signal(name, signal.SIGSTOP)
+            # One thread takes the signal and stops the others: beside busy programs they run on until it has a core.
+            deadline = time.monotonic() + _LIMIT_S
+            while not all(map(_stopped, processes)):
+                if time.monotonic() > deadline:
+                    raise TimeoutError(f"{name} runs on")
+                time.sleep(0.001)
+            try:
+                subprocess.run(["halcmd", "status", "lock"], capture_output=True, timeout=_LOCKED_S, check=True)
+                return
+            except subprocess.TimeoutExpired:
+                self.thaw(name)
 
     def thaw(self, name: str) -> None:
         _signal(name, signal.SIGCONT)
