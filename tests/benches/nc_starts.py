@@ -2,8 +2,7 @@
 
 Each value of each state alone first, then seeded mixtures. What has to happen in a state is decided here by docs/nc.md:
 nothing at all, a refusal with its reason before anything moves, or the intended way, with the state as before at its
-end. Prints how many there were of each, and what was otherwise. A refusal is one of four (a transformation, a turned
-frame, an axis that is not referenced, a tool that is not known), or beyond them.
+end. Prints how many there were of each, and what was otherwise. A turned frame refuses nothing.
 """
 
 import argparse
