@@ -31,8 +31,8 @@ WIDTH = 120
 
 MEANING: Mapping[str, str] = {
     "unplugged and back": (
-        "The adapter or the cable is unplugged, or the host is off. The gateway tries to open the bus again after 1, 2, "
-        "4 ... periods, up to `retry_max_periods`. It finds a serial port again by its permanent name."
+        "The adapter or the cable is unplugged, or the host is off. The gateway tries to open the bus again after 1, "
+        "2, 4 ... periods, up to `retry_max_periods`. It finds a serial port again by its permanent name."
     ),
     "dead device": (
         "The device does not answer: no power, wrong address, broken. On multicast it looks like an unplugged one."
@@ -69,8 +69,8 @@ MEANING: Mapping[str, str] = {
     "exception code": "The device understood the request and refused it. Check whether the profile matches the device.",
     "silent for one address": (
         "The unit answers, but not a request for one of its addresses: the profile names one that it does not have, or "
-        "a module behind it is gone. At first it looks like a lost unit; then only the channels that need this address are "
-        "lost ([profiles](own-profile.md#a-device-with-several-kinds-of-values))."
+        "a module behind it is gone. At first it looks like a lost unit; then only the channels that need this "
+        "address are lost ([profiles](own-profile.md#a-device-with-several-kinds-of-values))."
     ),
     "bus-off": (
         "The CAN controller left the bus after too many errors: wrong bitrate, short circuit, missing termination."
@@ -102,9 +102,9 @@ With `stuck_after_s` set, a channel whose number has not changed at all for that
 s"), on every kind of bus. Without it a frozen value cannot be distinguished from a steady one.
 """
 REST = """\
-On every wire above the computer's clock also jumps by an hour, forwards and back, while readings arrive: only the UTC of
-the readings jumps. With every core busy, periods are as regular as the computer lets a thread wake. All rows of a wire
-are played ten times in sequence and leave no descriptor, thread, task or memory behind.
+On every wire above the computer's clock also jumps by an hour, forwards and back, while readings arrive: only the UTC
+of the readings jumps. With every core busy, periods are as regular as the computer lets a thread wake. All rows of a
+wire are played ten times in sequence and leave no descriptor, thread, task or memory behind.
 
 Five units share one Modbus RTU line, read every second with a timeout of half a second. Three fall silent at once, or
 one comes and goes, or one answers late once: the others keep every interval within 20 % of the period, and a single
