@@ -28,6 +28,7 @@ OUT ?= out
 SHOTS ?= tests/system/test_page_in_browser.py
 pictures: $(VENV)/.ready
 	$(BIN)/python -m benchmarks.method_figures $(PICTURES)
+	$(BIN)/python -m benchmarks.error_figures $(PICTURES)
 	$(BIN)/talc-gateway demo --folder $(OUT)/demo $(DEMO)
 	cp $(OUT)/demo/report.png $(PICTURES)/demo.png
 	PAGE_PICTURES=$(PICTURES) $(PYTEST) $(SHOTS)  # needs Debian's chromium, and npm
