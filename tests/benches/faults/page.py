@@ -1,6 +1,6 @@
 """Writes docs/faults.md from the fault matrix: `python -m tests.benches.faults.page > docs/faults.md`."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from textwrap import fill
 
 from tests.benches.faults.matrix import COMM, HARMLESS, MATRIX, Case
@@ -25,6 +25,10 @@ its range. `stale`: the number may be old. Channels that are not good have no nu
 (for up to `read_limit_s`), the channels become `stale` when their last number is three periods old.
 
 How the gateway waits and asks again: [devices](devices.md#what-holds-on-every-bus).
+
+In the column of wires, a bus without a device means all of its devices that the tests play:
+
+{wires}
 """
 
 WIDTH = 120
@@ -119,7 +123,8 @@ within the period, the gateway reads from the 20th period on.
 
 def page() -> str:
     """The text of docs/faults.md."""
-    parts = [HEAD]
+    played = "\n".join(f"- {bus}: {', '.join(each)}" for bus, each in _profiles(WIRES.values()).items())
+    parts = [HEAD.replace("{wires}", played)]
     faults = dict.fromkeys(case.fault for case in MATRIX)
     parts += [
         f"## {fault}\n{fill(MEANING[fault], WIDTH)}\n\n{_table([c for c in MATRIX if c.fault == fault])}"
@@ -142,12 +147,18 @@ def _table(cases: list[Case]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _by_bus(wires: list[str]) -> str:
-    profiles: dict[str, list[str]] = {}
+def _by_bus(wires: Iterable[str]) -> str:
+    every, named = _profiles(WIRES.values()), _profiles(wires)
+    return "; ".join(bus if each == every[bus] else f"{bus}: {', '.join(each)}" for bus, each in named.items())
+
+
+def _profiles(wires: Iterable[str]) -> dict[str, list[str]]:
+    """Of each bus, in the order of the wires."""
+    found: dict[str, list[str]] = {}
     for wire in wires:
         bus, _, profile = wire.partition(", ")
-        profiles.setdefault(bus, []).append(profile)
-    return "; ".join(f"{bus}: {', '.join(each)}" for bus, each in profiles.items())
+        found.setdefault(bus, []).append(profile)
+    return found
 
 
 def _who(case: Case) -> str:
