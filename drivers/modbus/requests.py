@@ -15,6 +15,7 @@ something of another form (`separator`): once that is answered, nothing older ca
 from collections import deque
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
+from math import inf, isinf
 
 from drivers.modbus.frames import REFUSED, alike, data_bytes
 from drivers.modbus.numbers import BIT_FUNCTIONS, Block
@@ -32,6 +33,10 @@ _LONGER = 1.25
 """Factor of the time that late answers of a unit usually take: it is waited for that long."""
 _RECENT_S = 0.5
 """No copy of an answer comes later than this."""
+_AT_ONCE_S = 0.08
+"""The same of one that looks like the answer to the next equal request: no unit is polled as often as this."""
+COPIES_S = 60.0
+"""How long after a copy of an answer more are expected of the unit."""
 _MOST_RECENT = 16
 _EQUAL_OFTEN = 3
 """After this many checks two blocks that hold the same words are no longer suspected."""
@@ -99,7 +104,11 @@ class _Unit:
     was_heard: bool = False
     """Whether a late answer has come that has not been told of."""
     recent: deque[_Recent] = field(default_factory=lambda: deque(maxlen=_MOST_RECENT))
-    """The latest answers that were used."""
+    """The latest answers."""
+    copied_s: float = -inf
+    """When a copy was heard."""
+    not_copied: int = 0
+    """How often an answer that may have been one was none."""
     equal: dict[tuple[Block, Block], int] = field(default_factory=dict)
     """How often two blocks were found to really hold the same words."""
 
@@ -108,6 +117,31 @@ class _Unit:
         self.late_share += _NEWEST * (came - self.late_share)
         if came:
             self.late_s = max(took_s, self.late_s + _NEWEST * (took_s - self.late_s))
+
+    def passes(self, answered: Request) -> None:
+        """Units answer in order: what was sent before this, which is answered, is not answered any more."""
+        for request in self.open[: self.open.index(answered)]:
+            if request.may_be_answered and not request.is_passed:
+                self.not_copied += 1
+            request.is_passed = True
+
+    def hears(self, request: Request, message: bytes, now_s: float) -> None:
+        """This is its answer, or a copy of another one: then its own is still to come."""
+        if request.may_be_answered:
+            self.copied_s = now_s
+        request.may_be_answered = self._may_be_a_copy(request.block, message, now_s)
+        self.recent.append(_Recent(request.block, message, now_s))
+
+    def _may_be_a_copy(self, block: Block, message: bytes, now_s: float) -> bool:
+        """Whether this may be a copy of the answer just before to an equal request.
+
+        A refusal does not say what it refuses; only of units that send copies it is suspected.
+        """
+        if self.not_copied >= _EQUAL_OFTEN and isinf(self.copied_s):
+            return False
+        is_any = bool(message[0] & REFUSED) and now_s - self.copied_s < COPIES_S
+        equal = (r for r in self.recent if r.message == message and now_s - r.at_s <= _AT_ONCE_S)
+        return any(is_any or r.block == block for r in equal)
 
     def like(self, block: Block, now_s: float) -> Iterator[_Recent]:
         """Recent answers to other requests whose copies would look like the answer to this one."""
@@ -158,7 +192,8 @@ class Requests:
 
     def open(self, unit: int, block: Block, *, old: bool = False) -> list[Request]:
         """The requests for it that belong to the present question, oldest first; old: also to earlier ones."""
-        return [r for r in self._waiting(unit) if r.block == block and (old or not r.is_old)]
+        waiting = (r for r in self._waiting(unit) if not r.may_be_answered)
+        return [r for r in waiting if r.block == block and (old or not r.is_old)]
 
     def _waiting(self, unit: int) -> list[Request]:
         """The requests of which an answer is expected."""
@@ -195,7 +230,7 @@ class Requests:
         return self._of(unit).came.pop(block, None)
 
     def forms(self, *, recent: bool = False) -> Collection[tuple[int, int, int]]:
-        """Unit, function and data bytes of the answers that may come; recent: of copies of those that were used."""
+        """Unit, function and data bytes of the answers that may come; recent: of copies of those that have come."""
         return {
             (unit, r.block.function, data_bytes(r.block))
             for unit, one in self._units.items()
@@ -213,10 +248,12 @@ class Requests:
             return False
         request = fitting[0]
         in_turn = not self.asked or self._units.get(self.asked) is one or one.late_share > _IS_LATE
+        was_copied = request.may_be_answered
         if not self._numbered:
-            for earlier in one.open[: one.open.index(request)]:
-                earlier.is_passed = True
-        one.open.remove(request)
+            one.passes(request)
+            one.hears(request, message, now_s)
+        if not request.may_be_answered:
+            one.open.remove(request)
         one.least_s = min(now_s - request.sent_s, one.least_s + _NEWEST * (now_s - request.sent_s - one.least_s))
         first_s = request.sent_s if request.first_s is None else request.first_s
         equal = [r for r in fitting[1:] if r.block == request.block]
@@ -228,7 +265,11 @@ class Requests:
         if message[0] & REFUSED:
             for other in fitting[1:]:
                 other.may_be_refused = True
-        if in_turn and not request.is_old and all(r.block == request.block and not r.is_old for r in fitting):
+        if (
+            in_turn
+            and not (was_copied or request.is_old)
+            and all(r.block == request.block and not r.is_old for r in fitting)
+        ):
             one.came.setdefault(request.block, Came(unit, message, request.sent_s, number))
         return True
 
@@ -312,14 +353,14 @@ class Requests:
 
     # A radio link or a repeater may send an answer twice, and the copy looks like the answer to another request.
 
-    def used(self, unit: int, block: Block, message: bytes, now_s: float) -> None:
-        """This answer is used."""
-        self._of(unit).recent.append(_Recent(block, message, now_s))
-
     def copy_s(self, unit: int, message: bytes, now_s: float) -> float | None:
         """How long after its answer this copy of it comes; None: it is not one."""
-        known = (r.at_s for r in self._of(unit).recent if r.message == message and now_s - r.at_s <= _RECENT_S)
-        return next((now_s - at_s for at_s in known), None)
+        one = self._of(unit)
+        at_s = max((r.at_s for r in one.recent if r.message == message), default=-inf)
+        if now_s - at_s > _RECENT_S:
+            return None
+        one.copied_s = now_s
+        return now_s - at_s
 
     def is_doubtful(self, unit: int, block: Block, message: bytes, now_s: float) -> bool:
         """Whether this may be a copy of an answer to another request."""

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from math import inf
 
+from drivers.modbus.requests import COPIES_S
+
 _STEPS_S = (0.0, 0.05, 0.1, 0.2, 0.3, 0.4)
 """Rests after an answer that are tried one after the other."""
 _SOON_S = 0.15
@@ -19,8 +21,6 @@ _BUSY_S = 0.05
 """The first rest after a unit has said that it is busy; each one after it, until it answers, is twice as long."""
 _MOST_BUSY = 3
 """So often it is doubled."""
-_COPIES_S = 60.0
-"""How long after a copy of an answer more are expected of the unit."""
 _COPY_S = 0.2
 """No copy is waited for longer than this."""
 
@@ -34,7 +34,7 @@ class _Rest:
     copied_s: float = -inf
     """When a copy was heard."""
     copy_s: float = 0.0
-    """How long after its answer it came."""
+    """How long after its answer one came, at most."""
     step: int = 0
     missed: int = 0
     """Of those that came soon, in a row."""
@@ -72,7 +72,7 @@ class Rests:
         if one.step and one.answers < one.most and not waits:
             until_s = max(until_s, one.answered_s + _STEPS_S[one.step])
         if self.sends_copies(unit, now_s):
-            until_s = max(until_s, one.answered_s + min(2 * one.copy_s, _COPY_S))
+            until_s = max(until_s, one.answered_s + min(1.25 * one.copy_s, _COPY_S))
         return until_s - now_s
 
     def is_busy(self, unit: int) -> bool:
@@ -131,9 +131,11 @@ class Rests:
     def sends_copies(self, unit: int, now_s: float) -> bool:
         """Whether copies of its answers have come lately."""
         one = self._of.get(unit)
-        return one is not None and now_s - one.copied_s < _COPIES_S
+        return one is not None and now_s - one.copied_s < COPIES_S
 
     def copied(self, unit: int, after_s: float, now_s: float) -> None:
-        """A copy of its answer came so long after it."""
+        """A copy of its answer came so long after it; 0: nobody knows how long."""
         one = self._of.setdefault(unit, _Rest())
-        one.copied_s, one.copy_s = now_s, after_s
+        if not self.sends_copies(unit, now_s):
+            one.copy_s = 0.0
+        one.copied_s, one.copy_s = now_s, max(one.copy_s, after_s)

