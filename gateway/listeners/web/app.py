@@ -34,6 +34,7 @@ from gateway.listeners.web.week_pages import AskCourse, WeekPages
 from gateway.model.codes import NoticeCode
 from gateway.model.text import Text, languages
 from gateway.runtime.listening import Peer
+from gateway.telemetry.subscriber.machine import MachineSeen
 from gateway.telemetry.subscriber.site import SiteSeen, SiteSubscription
 
 log = logging.getLogger(__name__)
@@ -170,7 +171,7 @@ class _Pages:
         if not self._site.may_be(name):
             return _no_machine()
         try:
-            viewpoint = _viewpoint_of(request.query_params, self._uses)(name)
+            viewpoint_of = _viewpoint_of(request.query_params, self._uses)
             begin, end = span(request.query_params.get("from", ""), request.query_params.get("to", ""))
         except (SetupError, ValueError) as error:
             return PlainTextResponse(str(error), 400)
@@ -180,6 +181,8 @@ class _Pages:
         try:
             async with self._asking:
                 page = await asyncio.to_thread(ask, name, begin, end, MOST_POINTS)
+            with self._site.machines() as machines:
+                viewpoint = viewpoint_of(machines.get(name) or MachineSeen(name))
             shown = shown_past(page, viewpoint.matrix)
         except (OSError, ValueError) as error:
             return PlainTextResponse(str(error), 503)
@@ -225,8 +228,8 @@ def _no_machine() -> Response:
     return PlainTextResponse("This is not a valid name of a machine.", 404)
 
 
-def _viewpoint_of(query: Mapping[str, str], known: Mapping[str, MachineUse]) -> Callable[[str], Viewpoint]:
-    """By machine: what the browser asks for, else what is declared. Raises SetupError.
+def _viewpoint_of(query: Mapping[str, str], known: Mapping[str, MachineUse]) -> Callable[[MachineSeen], Viewpoint]:
+    """Of a machine: what the browser asks for, else what its gateway publishes or is declared. Raises SetupError.
 
     In the query, of the machine of the page; of the list, `asked` has the same by machine, in JSON.
     """
@@ -236,16 +239,17 @@ def _viewpoint_of(query: Mapping[str, str], known: Mapping[str, MachineUse]) -> 
         raise SetupError(Text(NoticeCode.ASKED_WRONG, error=str(error))) from None
     asked_of = {name: _asked(values) for name, values in of_each.items()}
     others = _asked(query)
-    made: dict[str, Viewpoint] = {}
+    made: dict[str, tuple[tuple[float, float], Viewpoint]] = {}
 
-    def viewpoint(machine: str) -> Viewpoint:
-        if machine not in made:
-            use, asked = known.get(machine, MachineUse()), asked_of.get(machine, others)
-            default = {"x": use.sphere_radius_mm, "z": use.sphere_height_mm}
+    def viewpoint(seen: MachineSeen) -> Viewpoint:
+        use, asked = known.get(seen.machine, MachineUse()), asked_of.get(seen.machine, others)
+        sphere = seen.sphere_mm or (use.sphere_radius_mm, use.sphere_height_mm)
+        if seen.machine not in made or made[seen.machine][0] != sphere:
+            default = {"x": sphere[0], "z": sphere[1]}
             place = {n: default.get(n, 0.0) if (v := asked[n]) is None else v for n in ("x", "y", "z", "a", "c")}
             tolerance = use.tolerance_um if asked["tolerance"] is None else asked["tolerance"]
-            made[machine] = Viewpoint(WorkPoint(**place).matrix(use.sphere_radius_mm * 1e-3), tolerance)
-        return made[machine]
+            made[seen.machine] = sphere, Viewpoint(WorkPoint(**place).matrix(sphere[0] * 1e-3), tolerance)
+        return made[seen.machine][1]
 
     return viewpoint
 

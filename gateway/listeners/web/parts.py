@@ -274,7 +274,8 @@ def _counted(seen: MachineSeen) -> tuple[int, int]:
     """Good channels, and all."""
     status = seen.status
     if status is not None and status.channels is not None and status.channels_good is not None:
-        return status.channels_good, status.channels
+        bad = sum(r.quality != Quality.GOOD for r in seen.readings.values())  # a reading comes before the next status
+        return max(min(status.channels_good, status.channels - bad), 0), status.channels
     return sum(r.quality == Quality.GOOD for r in seen.readings.values()), len(seen.readings)
 
 

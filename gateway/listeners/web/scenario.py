@@ -133,7 +133,7 @@ class ScenarioPages:
         self,
         site: SiteSeen,
         ask: AskScenario | None,
-        viewpoint_of: Callable[[Mapping[str, str]], Callable[[str], Viewpoint]],
+        viewpoint_of: Callable[[Mapping[str, str]], Callable[[MachineSeen], Viewpoint]],
     ) -> None:
         self._site, self._ask, self._viewpoint_of = site, ask, viewpoint_of
         self._asking = asyncio.Semaphore(1)
@@ -145,7 +145,7 @@ class ScenarioPages:
         if not self._site.may_be(name):
             return PlainTextResponse("This is not a valid name of a machine.", 404)
         try:
-            viewpoint = self._viewpoint_of(query)(name)
+            viewpoint_of = self._viewpoint_of(query)
             minutes = minutes_of(query.get("minutes", USUAL_MIN))
         except (SetupError, ValueError) as error:
             return PlainTextResponse(str(error), 400)
@@ -158,7 +158,7 @@ class ScenarioPages:
                 page = await asyncio.to_thread(self._ask, name, load, minutes)
             with self._site.machines() as machines:
                 seen = machines.get(name) or MachineSeen(name)
-                shown = shown_scenario(seen, page, viewpoint, self._site.now_s())
+                shown = shown_scenario(seen, page, viewpoint_of(seen), self._site.now_s())
         except (OSError, ValueError) as error:
             return PlainTextResponse(str(error), 503)
         return Response(_ENCODER.encode(shown), media_type="application/json")

@@ -42,7 +42,7 @@ class MachineUse(Section):
     tolerance_um: Positive | None = None
     """Tolerance of the job: how far the tool may be off in X, Y or Z. A browser may set another one for itself."""
     sphere_radius_mm: Positive = _SHIPPED.sphere_radius_mm
-    """[probing] sphere_radius_mm of its gateway, which no message tells."""
+    """[probing] sphere_radius_mm of its gateway, for one of before `sphere_mm`, which does not tell it."""
     sphere_height_mm: float = _SHIPPED.sphere_height_mm
     """[probing] sphere_height_mm of its gateway."""
 

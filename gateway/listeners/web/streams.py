@@ -67,12 +67,11 @@ class Browser:
 
     machine: str | None
     """None: the list of all machines."""
-    viewpoint: Callable[[str], Viewpoint]
-    """By machine."""
+    viewpoint: Callable[[MachineSeen], Viewpoint]
     queue: BrowserQueue = field(default_factory=BrowserQueue)
     sent: dict[str, bytes] = field(default_factory=dict)
     """The last of each kind of message: what has not changed is not sent again."""
-    past: tuple[int, bool] | None = None
+    past: tuple[int, bool, Viewpoint] | None = None
     """State of the charts that it shows; likewise of the corrections."""
     explanations: int = 0
     due_s: float = -math.inf
@@ -140,18 +139,19 @@ class Streams:
                 if now_s < browser.due_s:
                     return  # the next round comes after at most _SLOWEST_S
                 browser.due_s = now_s + _LIST_S
-                shown = listed(machines, {name: browser.viewpoint(name) for name in machines}, now_s)
+                shown = listed(machines, {name: browser.viewpoint(seen) for name, seen in machines.items()}, now_s)
                 browser.send("list", shown)
                 return
             seen = machines.get(browser.machine) or MachineSeen(browser.machine)
-            viewpoint = browser.viewpoint(browser.machine)
+            viewpoint = browser.viewpoint(seen)
             browser.send("view", self._view(seen, viewpoint, now_s))
             browser.send("events", tuple(events(seen)))
             if browser.explanations != seen.explanations:
                 browser.explanations = seen.explanations
                 browser.send("corrections", tuple(corrections(seen)))
-            if browser.past != (seen.past, seen.present):  # nothing is foreseen of a gateway that is gone
-                browser.past = seen.past, seen.present
+            past = seen.past, seen.present, viewpoint  # nothing is foreseen of a gateway that is gone
+            if browser.past != past:
+                browser.past = past
                 browser.send("course", shown_course(seen, viewpoint))
 
     def _view(self, seen: MachineSeen, viewpoint: Viewpoint, now_s: float) -> msgspec.Raw:

@@ -27,6 +27,8 @@ from gateway.telemetry.subscriber.machine import MachineSeen, applied, is_old, n
 from talc.frame import FloatArray
 from talc.names import THERMAL_ERRORS
 
+_MOST_CHAIN = 100
+
 
 @dataclass(frozen=True, slots=True)
 class ShownVerdict:
@@ -84,6 +86,8 @@ class MachineView:
     """The nine thermal errors now, µm and µm/m; empty: no estimate is current."""
     reach: dict[str, list[float]]
     """By thermal error, the deviation in X, Y and Z at the chosen point, µm, per unit of it."""
+    kinematics: str
+    """Chain of axes that is corrected; empty: the gateway does not tell."""
     sphere_mm: tuple[float, float] | None
     """Radius and height of the probing sphere; None: the gateway does not tell."""
     tool_notes: tuple[Sentence, ...]
@@ -116,7 +120,8 @@ def view(seen: MachineSeen, viewpoint: Viewpoint, now_s: float, own: tuple[SaidR
         tolerance_um=viewpoint.tolerance_um,
         errors=_errors(seen, now_s),
         reach=dict(zip(THERMAL_ERRORS, np.round(viewpoint.matrix.T, 6).tolist(), strict=True)),
-        sphere_mm=None if seen.status is None else seen.status.sphere_mm,
+        kinematics="" if seen.status is None else seen.status.kinematics[:_MOST_CHAIN],
+        sphere_mm=seen.sphere_mm,
         tool_notes=tuple(_tool_notes(seen)),
         waits=(*parts.waits(seen), *cost_of_waiting(seen, viewpoint.matrix, now_s)),
         channels=tuple(parts.channels(seen)),

@@ -48,6 +48,8 @@ SILENT_S = 60.0
 """A running gateway reports its state every 10 s."""
 _LARGEST = 1e6
 """µm or µm/m. What exceeds it is neither a thermal error nor an offset of a machine: it counts as unknown."""
+_LEAST_MM, _MOST_MM = 1.0, 5000.0
+"""Radius and height of a sphere on a table are within these."""
 
 
 def believable(value: float | None) -> float:
@@ -203,6 +205,12 @@ class MachineSeen:
     def present(self) -> bool:
         """Whether what was heard last may be what is now."""
         return self.alive and not (self.silent or self.two)
+
+    @property
+    def sphere_mm(self) -> tuple[float, float] | None:
+        """Radius and height of the probing sphere; None: the gateway does not tell, or absurd ones."""
+        told = None if self.status is None else self.status.sphere_mm
+        return told if told is not None and _LEAST_MM <= told[0] <= _MOST_MM and abs(told[1]) <= _MOST_MM else None
 
     @property
     def unarmed(self) -> tuple[Text, ...]:

@@ -35,11 +35,23 @@ export const point = () => {
   const own = kept(machine);
   return ["x", "y", "z", "a", "c"].map((name) => Number(own[name] ?? document.querySelector(`#asked [name=${name}]`).dataset.declared));
 };
+let fill = () => {};
+const ofSphere = () => ["x", "z"].map((name) => document.querySelector(`#asked [name=${name}]`));
+// told: radius and height of the probing sphere, mm; null: the gateway does not tell
+export const keepSphere = (told) => {
+  if (!told) return;
+  $("sphere-unknown").hidden = true;
+  if (ofSphere().every((input, i) => input.dataset.declared === String(told[i]))) return;
+  ofSphere().forEach((input, i) => { input.dataset.declared = String(told[i]); });
+  fill();
+};
+// The same as told or declared; null: neither.
+export const sphere = () => $("sphere-unknown").hidden ? ofSphere().map((input) => Number(input.dataset.declared)) : null;
 // changed: called after each new choice
 export const readyChoice = (changed) => {
   const form = $("asked"), inputs = [...form.elements].filter((each) => each.name in LIMITS);
   const declared = (input) => input.dataset.declared === "" ? null : Number(input.dataset.declared);
-  const fill = () => {
+  fill = () => {
     const own = kept(machine);
     for (const input of inputs) {
       const value = own[input.name] ?? declared(input);

@@ -1,7 +1,7 @@
 // The state of one machine, on all of its screens.
 import { showBars } from "./bars.js";
 import { keepTolerance, showSeries } from "./chart.js";
-import { machine, point } from "./choice.js";
+import { keepSphere, machine, point, sphere } from "./choice.js";
 import { $, changed, draw, make, paint, put, rows, say } from "./elements.js";
 import { showModel } from "./model.js";
 import { hear } from "./past.js";
@@ -76,7 +76,8 @@ export const showMachine = (v) => {
   draw("helps", [v.notices, verdict.helps, next], () => [orders(v.notices), ...verdict.helps.map((help) => make("p", sentence(help), AFAR.test(help.say) ? "afar" : undefined)), list(next)]);
   showBars(v.axes, v.tolerance_um);
   keepTolerance(v.tolerance_um);
-  showModel(v, point().slice(3), v.alive);
+  keepSphere(v.sphere_mm);
+  showModel(v, sphere(), point().slice(3), v.alive);
   if (v.alive && v.gateway_time) hear(v.channels, Date.parse(v.gateway_time) / 1e3);
   showSeries(v.channels);
   showWhy(v);

@@ -2,8 +2,10 @@
 import { $, changed, drawn, put } from "./elements.js";
 import { amount, word } from "./words.js";
 
-// Millimetres of a machine with a trunnion, whose table has a radius of 200.
-const TABLE = 200, SIDES = 32;
+// From the workpiece over the bed b to the tool, ' on the table's side. A gateway that does not tell has no other chain.
+const CHAIN = "w-C'-A'-X'-b-Y-Z-S-t";
+// The drawing's own units: the table's radius, and how far out on it the sphere stands.
+const TABLE = 200, SPHERE = 0.92 * TABLE, SIDES = 32;
 const TURN = 28 * Math.PI / 180, DOWN = 24 * Math.PI / 180, FAR = 5200;
 const project = ([x, y, z]) => {
   const back = y * Math.cos(TURN) - x * Math.sin(TURN), near = 1 + (back * Math.cos(DOWN) - z * Math.sin(DOWN)) / FAR;
@@ -22,19 +24,25 @@ const round = (at, below, low, above, high) => {
   const a = circle(at, below, low), b = circle(at, above, high);
   return [...a.map((p, i) => [p, a[(i + 1) % SIDES], b[(i + 1) % SIDES], b[i]]), b, [...a].reverse()];
 };
-// From the back to the front: part, what carries it, its faces.
+// From the back to the front: part, what carries it, the axis without which it is not there (!: with which), its faces.
 const PARTS = [
-  ["bed", "", box([-390, 390], [-430, 430], [-420, -310])],
-  ["column", "", box([-270, 270], [270, 430], [-310, 540])],
-  ["slides", "", box([-200, 200], [205, 270], [90, 440])], ["slides", "", box([-115, 115], [70, 205], [150, 500])],
-  ["spindle", "", round([0, 10], 78, 225, 78, 470)], ["spindle", "", round([0, 10], 44, 165, 78, 225)],
-  ["slides", "", box([-420, 420], [-150, 150], [-310, -272])],
-  ["bed", "", box([-390, -300], [-120, 120], [-272, 60])],
-  ["cradle", "A", box([-300, -255], [-90, 90], [-130, 45])], ["cradle", "A", box([-255, 255], [-110, 110], [-130, -75])],
-  ["table", "C", round([0, 0], TABLE, -75, TABLE, -20)], ["work", "C", box([-75, 75], [-65, 65], [-20, 40])],
-  ["tool", "", round([0, 10], 11, 62, 11, 165)],
-  ["cradle", "A", box([255, 300], [-90, 90], [-130, 45])], ["bed", "", box([300, 390], [-120, 120], [-272, 60])],
+  ["bed", "", "", box([-390, 390], [-430, 430], [-420, -310])],
+  ["column", "", "", box([-270, 270], [270, 430], [-310, 540])],
+  ["slides", "", "X", box([-250, 250], [240, 270], [60, 420])],
+  ["slides", "", "Y", box([-200, 200], [205, 270], [90, 440])], ["slides", "", "Z", box([-115, 115], [70, 205], [150, 500])],
+  ["spindle", "", "", round([0, 10], 78, 225, 78, 470)], ["spindle", "", "", round([0, 10], 44, 165, 78, 225)],
+  ["slides", "", "Y'", box([-300, 300], [-230, 230], [-310, -272])], ["slides", "", "X'", box([-420, 420], [-150, 150], [-310, -272])],
+  ["bed", "", "A'", box([-390, -300], [-120, 120], [-272, 60])], ["bed", "", "!A'", round([0, 0], 140, -272, 140, -75)],
+  ["cradle", "A", "A'", box([-300, -255], [-90, 90], [-130, 45])], ["cradle", "A", "A'", box([-255, 255], [-110, 110], [-130, -75])],
+  ["table", "C", "", round([0, 0], TABLE, -75, TABLE, -20)], ["work", "C", "", box([-75, 75], [-65, 65], [-20, 40])],
+  ["tool", "", "", round([0, 10], 11, 62, 11, 165)],
+  ["cradle", "A", "A'", box([255, 300], [-90, 90], [-130, 45])], ["bed", "", "A'", box([300, 390], [-120, 120], [-272, 60])],
 ];
+const MOVES = { cradle: "A", table: "C", slides: "XYZ" };
+const axesOf = (chain) => {
+  const axes = chain.split("-");
+  return axes.includes("b") ? axes : CHAIN.split("-");
+};
 // Where the label of each part stands, and the point that it means.
 const LABELS = {
   column: [[74, 22], [-200, 430, 540]], spindle: [[74, 76], [-70, -10, 380]], cradle: [[74, 132], [-278, -90, 20]], bed: [[74, 190], [-330, -430, -365]],
@@ -46,14 +54,14 @@ const SIDE = [[["left", "x"], ["right"]], [["front", "lower", "y"], ["rear", "ba
 const WIDE = [84, 276, 8, 222];
 const COLD = 18, HOT = 32;
 export const FACTORS = [5000, 2000, 1000, 500, 200, 100, 50, 20];
-const MOST_MM = 70;
+const MOST = 70;
 
-// errors: of the machine, µm and µm/m; factor: how much larger they are drawn
-const bent = (errors, factor, a, c) => {
-  const mm = (name) => (errors[name] ?? 0) * 1e-3 * factor, tilt = (name) => (errors[name] ?? 0) * 1e-6 * factor;
+// errors: of the machine, µm and µm/m; factor: how much larger they are drawn; unit: of the drawing, per mm
+const bent = (errors, factor, unit, a, c) => {
+  const mm = (name) => (errors[name] ?? 0) * 1e-3 * factor * unit, tilt = (name) => (errors[name] ?? 0) * 1e-6 * factor;
   const turn = (angle, [x, y]) => [x * Math.cos(angle) - y * Math.sin(angle), x * Math.sin(angle) + y * Math.cos(angle)];
   const held = ([x, y, z]) => { const [v, w] = turn(a, [y, z]); return [x, v + mm("EY0A"), w + mm("EZ0A")]; };
-  const grown = 1 + mm("ER0T") / TABLE;
+  const grown = 1 + mm("ER0T") / SPHERE;
   const onTable = ([x, y, z]) => {
     const [u, v] = turn(c + tilt("EC0C"), [x * grown, y * grown]);
     return held([u + mm("EX0C") + z * tilt("EB0C"), v + mm("EY0C") - z * tilt("EA0C"), z + mm("EZ0T") * (z > -70) + v * tilt("EA0C") - u * tilt("EB0C")]);
@@ -70,21 +78,22 @@ const spot = (channel, part, i) => {
 };
 
 let scaled = null;
-// The probing sphere on its stem, where it stands on the table: radius and height, mm.
-const ballAt = ([radius, height], carried) => {
-  const [x, y] = scaled(carried([Math.min(radius, TABLE * 0.92), 0, height])), [u, v] = scaled(carried([Math.min(radius, TABLE * 0.92), 0, -20]));
+// The probing sphere on its stem, where it stands on the table.
+const ballAt = (height, carried) => {
+  const [x, y] = scaled(carried([SPHERE, 0, Math.max(height, -8)])), [u, v] = scaled(carried([SPHERE, 0, -20]));
   return drawn("g", { class: "ball" }, drawn("path", { d: `M${u} ${v}L${x} ${y}` }), drawn("circle", { cx: x, cy: y, r: 4 }, drawn("title", {}, word("heat.sphere"))));
 };
-const build = (channels, errors, place, angles, sphere) => {
-  const factor = FACTORS.find((each) => displaced(errors) * each <= MOST_MM) ?? FACTORS.at(-1);
-  const radians = angles.map((degrees) => degrees * Math.PI / 180), now = bent(errors, factor, ...radians), cold = bent({}, 0, ...radians);
+const build = (channels, errors, place, angles, sphere, axes) => {
+  const unit = SPHERE / (sphere ? sphere[0] : SPHERE), factor = FACTORS.find((each) => displaced(errors) * each * unit <= MOST) ?? FACTORS.at(-1);
+  const radians = angles.map((degrees) => degrees * Math.PI / 180), now = bent(errors, factor, unit, ...radians), cold = bent({}, 0, unit, ...radians);
   if (!scaled) {
-    const all = PARTS.flatMap(([, , faces]) => faces.flat().map(project)), xs = all.map((p) => p[0]), ys = all.map((p) => p[1]);
+    const all = PARTS.flatMap(([, , , faces]) => faces.flat().map(project)), xs = all.map((p) => p[0]), ys = all.map((p) => p[1]);
     const k = Math.min((WIDE[1] - WIDE[0]) / (Math.max(...xs) - Math.min(...xs)), (WIDE[3] - WIDE[2]) / (Math.max(...ys) - Math.min(...ys)));
     const x = (WIDE[0] + WIDE[1] - k * (Math.max(...xs) + Math.min(...xs))) / 2, y = (WIDE[2] + WIDE[3] - k * (Math.max(...ys) + Math.min(...ys))) / 2;
     scaled = (point) => { const [u, v] = project(point); return [x + k * u, y + k * v]; };
   }
-  const groups = PARTS.map(([part, carried, faces]) => {
+  const there = PARTS.filter(([, , axis]) => !axis || (axis.startsWith("!") ? !axes.includes(axis.slice(1)) : axes.includes(axis)));
+  const groups = there.map(([part, carried, , faces]) => {
     const group = drawn("g", { class: "part", "data-part": part });
     for (const face of faces) {
       const moved = face.map(now[carried]), seen = moved.map(scaled);
@@ -105,7 +114,7 @@ const build = (channels, errors, place, angles, sphere) => {
   });
   const ring = circle([0, 0], TABLE, -20).map(cold.C).map(scaled), from = scaled(cold.C([TABLE, 0, -20])), to = scaled(now.C([TABLE, 0, -20]));
   const rings = [drawn("path", { class: "cold", d: path(ring) }), drawn("path", { class: "shift", d: `M${from}L${to}` })];
-  const ball = sphere ? [ballAt(sphere, now.C)] : [];
+  const ball = sphere ? [ballAt(sphere[1] * unit, now.C)] : [];
   const count = {};
   const dots = channels.filter((c) => c.body in MIDDLE).map((c) => {
     count[c.body] = (count[c.body] ?? -1) + 1;
@@ -116,7 +125,7 @@ const build = (channels, errors, place, angles, sphere) => {
     const left = x < 180, carried = part === "cradle" ? "A" : part === "table" ? "C" : "", [u, v] = point ? scaled(now[carried](point)) : [];
     const link = drawn("a", { href: `#sensors/${part}`, "data-body": part });
     if (point) link.append(drawn("path", { class: "leader", d: `M${left ? x + 5 : x - 5} ${y - 4}L${u} ${v}` }), drawn("circle", { class: "end", cx: u, cy: v, r: 2.2 }));
-    link.append(drawn("text", { x, y: y - 3, class: left ? "left" : "" }, word("body." + part).replace(/ .*/, "")), drawn("text", { x, y: y + 14, class: left ? "left number" : "number" }));
+    link.append(drawn("text", { x, y: y - 3, class: left ? "left" : "" }, `${word("body." + part).replace(/ .*/, "")} ${[...MOVES[part] ?? ""].filter((letter) => axes.some((axis) => axis[0] === letter)).join("")}`), drawn("text", { x, y: y + 14, class: left ? "left number" : "number" }));
     return link;
   });
   const bends = Object.keys(errors).length > 0 && displaced(errors) > 0;
@@ -137,10 +146,11 @@ export const means = (channels) => {
   return by;
 };
 export const heat = (degrees) => `${Math.min(Math.max((degrees - COLD) / (HOT - COLD) * 100, 0), 100).toFixed(0)}%`;
-// angles: of A and C at the chosen point, degrees; now: whether the temperatures are current
-export const showModel = (v, angles, now) => {
+// sphere: its radius and height, mm, or null; angles: of A and C at the chosen point, degrees; now: whether the
+// temperatures are current
+export const showModel = (v, sphere, angles, now) => {
   const place = $("sketch"), channels = v.channels.filter((c) => c.body), failing = channels.map((c) => [c.channel, c.body, c.good, c.doubt]);
-  if (changed("sketch", [failing, v.errors, angles, v.sphere_mm])) build(channels, v.errors, place, angles, v.sphere_mm);
+  if (changed("sketch", [failing, v.errors, angles, sphere, v.kinematics])) build(channels, v.errors, place, angles, sphere, axesOf(v.kinematics));
   const by = means(channels);
   for (const part of place.querySelectorAll("[data-part]")) {
     const own = by[part.dataset.part];

@@ -1,5 +1,6 @@
 // Says what the server sends: sentences of the catalogue, numbers and times as the browser's locale writes them.
-const texts = JSON.parse(document.getElementById("texts").textContent);
+// No line ends between a number and what belongs to it.
+const texts = JSON.parse(document.getElementById("texts").textContent, (_, text) => typeof text === "string" ? text.replace(/± /g, "±\u00a0").replace(/ %/g, "\u00a0%") : text);
 
 const has = (key) => Object.hasOwn(texts, key);
 export const word = (key) => has(key) ? texts[key] : key.replace(/^[a-z]+\./, "").replaceAll("_", " ");

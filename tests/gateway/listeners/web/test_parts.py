@@ -137,6 +137,10 @@ def test_channels_without_a_value_stand_beside_the_verdict() -> None:
     said = parts.failed(heard.seen)
     assert said is not None
     assert said.values["n"] == Amount(24, d=0)
+    heard.status(channels=5, channels_good=5)  # of before they failed
+    said = parts.failed(heard.seen)
+    assert said is not None
+    assert said.values["n"] == Amount(4, d=0)
     heard.seen.disappear(heard.now)
     assert parts.failed(heard.seen) is None, "nothing is known of a gateway that is gone"
 

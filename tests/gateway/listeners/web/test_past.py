@@ -13,7 +13,8 @@ from starlette.testclient import TestClient
 from gateway.listeners.web.app import build_app
 from gateway.listeners.web.settings import MachineUse, WebSettings
 from gateway.telemetry.answers import CoursePage
-from gateway.telemetry.messages import PublishedCourse
+from gateway.telemetry.codec import encode
+from gateway.telemetry.messages import PublishedCourse, StatusMessage
 from gateway.telemetry.subscriber.site import SiteSubscription
 from talc.names import THERMAL_ERRORS
 from tests.benches.heard import BEGAN
@@ -66,6 +67,14 @@ def test_without_a_choice_it_is_shown_where_the_probing_sphere_is() -> None:
     client = TestClient(build_app(site, WebSettings(), source, {"mill": use}), base_url="http://localhost")
     (x,), _, (z,) = client.get("/past/mill", params=SPAN).json()["without"]
     assert (abs(x), abs(z)) == (8.0, 12.0)
+    known = ((200.0, 50.0), (5.0, 20.0)), ((0.0, 50.0), (8.0, 12.0)), (None, (8.0, 12.0))
+    for number, (told, expected) in enumerate(known, start=1):
+        status = StatusMessage(
+            "boot-1", number, BEGAN.isoformat(), "system", None, None, 0, {}, None, None, sphere_mm=told
+        )  # what the gateway tells counts, unless it is absurd or the gateway is older
+        site.take("talc/mill/status", encode(status))
+        (x,), _, (z,) = client.get("/past/mill", params=SPAN).json()["without"]
+        assert (abs(x), abs(z)) == expected
 
 
 async def test_a_gateway_is_asked_by_two_at_once_and_the_others_wait(monkeypatch: pytest.MonkeyPatch) -> None:
