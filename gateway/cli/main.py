@@ -230,7 +230,7 @@ def run(config: Path, wires: Path | None, record_mb: float) -> None:
     show_default=True,
     help="The emulated control, or the real LinuxCNC if it is installed (then only --folder applies).",
 )
-@click.option("--replay", is_flag=True, help="Play the last demo in --folder again, in a minute, for its page.")
+@click.option("--replay", is_flag=True, help="Play the last demo in --folder again, in about a minute, for its page.")
 def demo(nc: str, replay: bool, **given: Any) -> None:
     """Run an emulated machine and its gateway over real protocols, on this computer only."""
     _with_simulators()

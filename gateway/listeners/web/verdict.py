@@ -121,9 +121,9 @@ def _colour(near: FloatArray, far: FloatArray, tolerance_um: float) -> Colour:
     return Colour.RED if (near > tolerance_um).any() else Colour.AMBER
 
 
-def colour_ahead(low: FloatArray, high: FloatArray, tolerance_um: float) -> Colour:
-    """The colour by the (3,) least and most that `far` will be; see gateway.listeners.web.ahead."""
-    return Colour.RED if (low > tolerance_um).any() else _colour(np.zeros(3), high, tolerance_um)
+def colour_ahead(left: FloatArray, high: FloatArray, tolerance_um: float) -> Colour:
+    """The colour by what is (3,) left and the most that `far` will be: the widened interval reaches as far inwards."""
+    return _colour(2.0 * np.abs(left) - high, high, tolerance_um)
 
 
 def colours(seen: MachineSeen, past: ToolError, tolerance_um: float) -> list[Colour]:

@@ -249,8 +249,8 @@ def shown_course(seen: MachineSeen, viewpoint: Viewpoint) -> ShownCourse:
             later_state = [
                 state[-1],
                 *(
-                    colour_ahead(low, high, tolerance_um).value
-                    for low, high in zip(coming.low[known], coming.high[known], strict=True)
+                    colour_ahead(each, high, tolerance_um).value
+                    for each, high in zip(coming.left[known], coming.high[known], strict=True)
                 ),
             ]
     return ShownCourse(

@@ -6,7 +6,7 @@ import { $, changed, draw, make, paint, put, rows, say } from "./elements.js";
 import { showModel } from "./model.js";
 import { hear } from "./past.js";
 import { showSensors } from "./sensors.js";
-import { exact, sentence, time, whole, word } from "./words.js";
+import { day, exact, sentence, setToday, time, whole, word } from "./words.js";
 import { showWhen } from "./when.js";
 import { showWhy } from "./why.js";
 
@@ -56,13 +56,13 @@ export const showWord = (colour, key) => {
 };
 
 export const showMachine = (v) => {
-  const { verdict } = v;
+  const { verdict } = v, simulated = v.simulated && v.gateway_time ? new Date(v.gateway_time) : null;
+  setToday(simulated);
   document.body.classList.toggle("past", !v.alive);
   showWord(verdict.colour, verdict.word);
-  const heard = [];
-  if (v.heard) heard.push(word("page.heard").replace("{at}", exact.format(new Date(v.heard))));
-  if (v.simulated && v.gateway_time) heard.push(word("page.simulated").replace("{at}", time(v.gateway_time)));
-  put($("heard"), heard.join(" · "));
+  const heard = v.heard ? [make("span", word("page.heard").replace("{at}", exact.format(new Date(v.heard))))] : [];
+  if (simulated) heard.push(...heard.length ? [make("span", " · ")] : [], make("b", word("page.simulated").replace("{at}", day.format(simulated))));
+  draw("heard", [v.heard, simulated], () => heard);
   if (v.gateway_time) put($("state-of"), word("print.state_of").replace("{at}", whole.format(new Date(v.gateway_time))));
   $("unarmed").classList.toggle("spare", !v.unarmed);
   if (changed("because", verdict.because)) {
@@ -73,7 +73,10 @@ export const showMachine = (v) => {
   put($("since"), verdict.since ? word(verdict.before ? "since.before" : "since.at").replace("{at}", time(verdict.since)) : "");
   const next = v.alive ? v.waits.filter((row) => NEXT.includes(row.label)) : [];
   draw("todo", verdict.because, () => say(verdict.because.filter((each) => each.say.startsWith("do.")), "afar"));
-  draw("helps", [v.notices, verdict.helps, next], () => [orders(v.notices), ...verdict.helps.map((help) => make("p", sentence(help), AFAR.test(help.say) ? "afar" : undefined)), list(next)]);
+  draw("helps", [v.notices, verdict.helps, next], () => {
+    const said = (far) => verdict.helps.filter((help) => AFAR.test(help.say) === far).map((help) => make("p", sentence(help), far ? "afar" : undefined));
+    return [orders(v.notices), ...said(true), list(next), ...said(false)];
+  });
   showBars(v.axes, v.tolerance_um);
   keepTolerance(v.tolerance_um);
   keepSphere(v.sphere_mm);

@@ -9,7 +9,7 @@ export const longestKey = (group) => Object.keys(texts).filter((key) => key.star
   .reduce((a, b) => (word(b).length > word(a).length ? b : a));
 export const longest = (group) => word(longestKey(group));
 export const clock = new Intl.DateTimeFormat(undefined, { hour: "2-digit", minute: "2-digit" });
-const day = new Intl.DateTimeFormat(undefined, { weekday: "short", day: "numeric", month: "short", hour: "2-digit", minute: "2-digit" });
+export const day = new Intl.DateTimeFormat(undefined, { weekday: "short", day: "numeric", month: "short", hour: "2-digit", minute: "2-digit" });
 // For the hour that occurs twice when clocks are put back.
 const named = new Intl.DateTimeFormat(undefined, { weekday: "short", day: "numeric", month: "short", hour: "2-digit", minute: "2-digit", timeZoneName: "short" });
 const HOUR_MS = 3600e3;
@@ -20,12 +20,15 @@ export const exact = new Intl.DateTimeFormat(undefined, { hour: "2-digit", minut
 // The present by the server's clock; this browser's may be wrong.
 let ahead = 0;
 export const present = () => new Date(Date.now() + ahead);
+// The day of a simulated machine, whose clock is not this one; null: of any other.
+let today = null;
+export const setToday = (at) => { today = at; };
 // Returns by how many milliseconds the server is ahead.
 export const setPresent = (ms) => (ahead = ms - Date.now());
 export const time = (iso) => {
   const at = new Date(iso);
   if (Number.isNaN(at.getTime())) return "–";
-  return (twice(at) ? named : at.toDateString() === present().toDateString() ? clock : day).format(at);
+  return (twice(at) ? named : at.toDateString() === (today ?? present()).toDateString() ? clock : day).format(at);
 };
 // As it is typed in: without separated thousands.
 export const plain = (n) => new Intl.NumberFormat(undefined, { useGrouping: false, maximumFractionDigits: 3 }).format(n);

@@ -7,7 +7,7 @@ import pytest
 
 from gateway.listeners.web.at_tool import WorkPoint, at_the_tool, half_width, moved
 from gateway.listeners.web.sentences import SaidRow, Sentence, ToldName, at, in_each, told
-from gateway.listeners.web.verdict import Colour, Viewpoint, verdict_of
+from gateway.listeners.web.verdict import Colour, Viewpoint, colour_ahead, verdict_of
 from gateway.listeners.web.view import listed, shown_course, view
 from gateway.model.codes import NoticeCode
 from gateway.model.compensation import Source
@@ -37,6 +37,14 @@ def test_the_interval_at_the_tool_is_the_root_of_the_squares() -> None:
     """EY0A and EY0C move Y one to one: 3 and 4 µm give 5 µm, and 1.96 times that to each side."""
     sigma = np.array([3, 0, 0, 4, 0, 0, 0, 0, 0], dtype=np.float64)
     assert half_width(MATRIX, sigma) == pytest.approx([0, 1.96 * 5, 0])
+
+
+def test_an_interval_that_grows_around_nothing_is_not_foreseen_as_outside() -> None:
+    nothing, z = np.zeros(3), np.array([0.0, 0.0, 30.0])
+    assert colour_ahead(nothing, nothing + 20.0, 8.0) is Colour.AMBER
+    assert colour_ahead(nothing, nothing + 8.0, 8.0) is Colour.GREEN
+    assert colour_ahead(z, z + 21.9, 8.0) is Colour.RED
+    assert colour_ahead(z, z + 22.1, 8.0) is Colour.AMBER
 
 
 def test_an_error_that_does_not_move_the_tool_here_may_be_unknown() -> None:
