@@ -325,6 +325,7 @@ class NoticeCode(StrEnum):
     DATABASE_DELETED = "database_deleted"
     DATABASE_EXCHANGED = "database_exchanged"
     DATABASE_CUT = "database_cut"
+    DATABASE_LOG_CUT = "database_log_cut"
     DISK_SILENT = "disk_silent"
     IN_FORCE_NOT_FINITE = "in_force_not_finite"
     DRIVER_NO_DRY_RUNS = "driver_no_dry_runs"

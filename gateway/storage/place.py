@@ -1,5 +1,8 @@
-"""Checks that the open database is still at its path, and has not been cut."""
+"""Checks that the open database is still at its path, and that neither it nor its log has been cut."""
 
+import os
+import struct
+from contextlib import suppress
 from os.path import samestat
 from pathlib import Path
 
@@ -13,6 +16,11 @@ _PAGE_SIZE_AT = 16
 """Big-endian number of two bytes; a page of 65,536 bytes is written as 1."""
 _PAGES_AT = 28
 """Big-endian number of four bytes."""
+_INDEX = struct.Struct("=12xBxHI")
+"""Of the log's index, as SQLite keeps it in memory that programs share: whether it is made, page size, frames."""
+_INDEX_HEADER = 48
+_LOG_HEADER, _FRAME_HEADER = 32, 24
+_LOG_MAGIC = (b"\x37\x7f\x06\x82", b"\x37\x7f\x06\x83")
 
 
 class PlaceWatch:
@@ -43,6 +51,41 @@ class PlaceWatch:
             raise GoneError(Text(NoticeCode.DATABASE_EXCHANGED))
         if self._seen.st_size < before.st_size and self._seen.st_size < _expected_size(self._path):
             raise DamagedError(Text(NoticeCode.DATABASE_CUT, bytes=self._seen.st_size))
+        check_log(self._path)
+
+
+def check_log(path: Path) -> None:
+    """Whether the log holds what its index says, as long as this process has the database open.
+
+    SQLite would go on behind the end that it remembers, and its next checkpoint would copy the zeros between. A program
+    that empties the log in order empties the index before.
+
+    Raises DamagedError.
+    """
+    with suppress(OSError):
+        index = _index_of(path)
+        before = b"" if index is None else os.pread(index, _INDEX_HEADER, 0)
+        if index is None or len(before) < _INDEX_HEADER:
+            return
+        made, page, frames = _INDEX.unpack_from(before)
+        if not made or not frames:
+            return
+        expected = _LOG_HEADER + frames * (_FRAME_HEADER + (page & 0xFE00) + ((page & 1) << 16))
+        with path.with_name(path.name + "-wal").open("rb") as log:
+            size, begin = os.fstat(log.fileno()).st_size, log.read(4)
+        whole = size >= expected and begin in _LOG_MAGIC
+        if not whole and os.pread(index, _INDEX_HEADER, 0) == before:
+            raise DamagedError(Text(NoticeCode.DATABASE_LOG_CUT, bytes=size, expected=expected))
+
+
+def _index_of(path: Path) -> int | None:
+    """SQLite's own descriptor of the index: to close another one of the same file would release its locks."""
+    wanted = path.resolve().with_name(path.resolve().name + "-shm")
+    for descriptor in Path("/proc/self/fd").iterdir():
+        with suppress(OSError):
+            if descriptor.readlink() == wanted:
+                return int(descriptor.name)
+    return None
 
 
 def _expected_size(path: Path) -> float:

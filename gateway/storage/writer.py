@@ -20,7 +20,7 @@ from gateway.model.events import StoreHealth
 from gateway.model.text import NOTHING, Text, failure, text_of
 from gateway.storage.damage import contradiction
 from gateway.storage.faults import DamagedError, GoneError, StoreError
-from gateway.storage.place import PlaceWatch
+from gateway.storage.place import PlaceWatch, check_log
 from gateway.storage.schema import connect, is_damage
 from gateway.storage.snapshot import Snapshot, put_snapshots
 from gateway.storage.timing import WriterTiming
@@ -253,7 +253,8 @@ class DatabaseWriter:
                     self._keep_open(kept_open)
                 self._write_to(connection)
             return False
-        except Exception as error:  # noqa: BLE001 - the gateway continues without its store
+        except Exception as raised:  # noqa: BLE001 - the gateway continues without its store
+            error = self._cause(raised)
             self._failed(error)
             if is_damage(error) or isinstance(error, GoneError) or self._to_mend:
                 kept_open.close()
@@ -266,6 +267,14 @@ class DatabaseWriter:
             self._changed.wait_for(lambda: self._closing, self._timing.retry_s)
         self._look()
         return True
+
+    def _cause(self, error: Exception) -> Exception:
+        """SQLite cannot tell a log that was cut from a disk that fails."""
+        try:
+            check_log(self._path)
+        except DamagedError as cut:
+            return cut
+        return error
 
     def _keep_open(self, kept_open: ExitStack) -> None:
         with ExitStack() as opened:

@@ -130,6 +130,49 @@ def test_a_file_that_is_cut_in_place_is_set_aside(left: int, tmp_path: Path) -> 
     assert len(list(tmp_path.glob("g.sqlite.damaged-*"))) >= 1
 
 
+@pytest.mark.parametrize("left", [0, 32 + 24 + 4096, None])
+def test_a_log_that_is_cut_in_place_is_noticed(left: int | None, tmp_path: Path) -> None:
+    """None: cut to nothing, and written to behind a hole before anybody looked."""
+    path = tmp_path / "g.sqlite"
+    with store_at(path) as store:
+        make(store, 0)
+    with store_at(path) as store:
+        store.begin("{}", "hash", "versions")
+        store.record(MeasurementEnded(example.OUTCOME))
+        for k in range(1, 20):
+            make(store, k)
+            store.flush()
+        log = path.with_name("g.sqlite-wal")
+        size = log.stat().st_size
+        os.truncate(log, left or 0)
+        if left is None:
+            os.truncate(log, size + 4120)
+        wait_until(lambda: store.health.mended)
+        assert store.health.mended.values["why"].startswith("its log (-wal) was cut to ")
+        make(store, 20)
+        until_all_written(store)
+    with History(path) as history:
+        assert 20 in [found.frame.k for found in history.steps()]
+        assert history.config() == ("{}", "hash", "versions")
+        assert [m.number for m in history.measurements()] == [example.OUTCOME.number], "the reference of all others"
+    assert not damage_found(path)
+    assert len(list(tmp_path.glob("g.sqlite.damaged-*"))) >= 1
+
+
+def test_a_log_that_another_program_empties_in_order_stays(tmp_path: Path) -> None:
+    path = tmp_path / "g.sqlite"
+    with store_at(path) as store:
+        store.begin("{}", "hash", "versions")
+        for k in range(50):
+            make(store, k)
+            with closing(sqlite3.connect(path, timeout=60.0)) as tool:
+                tool.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        until_all_written(store)
+        assert not store.health.mended
+    with History(path) as history:
+        assert [found.frame.k for found in history.steps()] == list(range(50))
+
+
 def test_a_file_that_another_program_makes_smaller_in_order_stays(tmp_path: Path) -> None:
     path = tmp_path / "g.sqlite"
     with store_at(path) as store:
