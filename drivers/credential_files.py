@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from drivers.base import SetupError
-from drivers.bounded_file import bytes_of
+from drivers.bounded_file import bytes_of, check_bounds
 from drivers.error_words import in_words
 from drivers.text import Text
 
@@ -36,6 +36,7 @@ def trust_in(authority: Path | None) -> "ssl.SSLContext":
     import ssl  # not for a certificate that is only looked at
 
     try:
+        check_bounds(authority)
         return ssl.create_default_context(cafile=None if authority is None else str(authority))
     except (OSError, ValueError) as error:
         raise unusable_file("authority", authority, error) from error

@@ -3,6 +3,8 @@
 import os
 import re
 
+from drivers.text import Text
+
 _NUMBER = re.compile(r"\[Errno (\d+)\]|\((\d+), '")
 """An error's number in the texts of asyncio, pyserial, termios and python-can."""
 
@@ -14,6 +16,8 @@ def error_number(error: BaseException) -> int | None:
 
 def in_words(error: BaseException) -> str:
     """What the operating system says of the error, such as `Connection refused`; else the error's own text."""
+    if isinstance(error, OSError) and isinstance(error.strerror, Text):
+        return error.strerror
     if numbers := _numbers(error):
         return ", ".join(dict.fromkeys(os.strerror(number) for number in numbers))
     own = error.strerror if isinstance(error, OSError) else None  # of a name that cannot be resolved

@@ -18,6 +18,7 @@ from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
 
 from drivers.base import BadAnswer, ConnectError, NoAnswer, Refused
+from drivers.bounded_file import check_bounds
 from drivers.credential_files import secret_in, trust_in, unusable_file
 from drivers.mqtt.settings import MqttServer
 from drivers.text import Text
@@ -259,6 +260,7 @@ def _tls(server: MqttServer) -> ssl.SSLContext:
     context.sslsocket_class = Handshaking
     if server.certificate is not None and server.key is not None:
         try:
+            check_bounds(server.certificate, server.key)
             context.load_cert_chain(server.certificate, server.key, password=lambda: "")
         except (OSError, ValueError) as error:
             raise unusable_file("certificate", server.certificate, error) from error

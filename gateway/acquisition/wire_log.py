@@ -11,12 +11,14 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from itertools import count
 from pathlib import Path
 from queue import SimpleQueue
 from time import monotonic
 from types import TracebackType
 from typing import Literal, Self, TextIO
 
+from drivers.bounded_file import opened
 from gateway.model.codes import NoticeCode
 from gateway.model.text import Text
 
@@ -26,6 +28,10 @@ _FIRST_LINE = "# talc wire log 1"
 _CONFIG = "#: "
 _MOST_WAITING = 10_000
 """Lines that may wait for the disk: some seconds of a busy machine."""
+_LONGEST_LINE = 2**18
+"""Bytes; a line of the configuration may hold a table."""
+MOST_EVENTS = 1_000_000
+"""That are read: they take 250 MB of memory."""
 _LINE = re.compile(r"\((\d+\.\d+)\) (\w+) (?:([<>]) ([0-9a-f]*)|! (.+)|([0-9A-F]{3}|[0-9A-F]{8})#([0-9A-F]*) ([RT]))")
 
 PassedKind = Literal["sent", "received", "note"]
@@ -216,7 +222,7 @@ class BusTap:
 
 def is_wire_log(path: Path) -> bool:
     """Whether the file begins like a recording. Raises OSError."""
-    with path.open("rb") as file:
+    with opened(path) as file:
         return file.read(len(_FIRST_LINE)) == _FIRST_LINE.encode()
 
 
@@ -225,19 +231,27 @@ def read_wire_log(path: Path) -> WireLog:
 
     Raises WireLogError naming the line, or OSError.
     """
-    *lines, cut = path.read_text(encoding="utf-8", errors="replace").split("\n")
-    if (lines or [cut])[0] != _FIRST_LINE:
-        raise WireLogError(f"{path}: is not a recording: its first line is not {_FIRST_LINE!r}")
     config: list[str] = []
     events: list[WireEvent] = []
-    for number, line in enumerate(lines[1:], start=2):
-        if line.startswith(_CONFIG):
-            config.append(line.removeprefix(_CONFIG))
-        elif line and not line.startswith("#"):
-            event = _event(line)
-            if event is None:
-                raise WireLogError(f"{path}, line {number}: cannot be read: {line[:60]!r}")
-            events.append(event)
+    with opened(path) as file:
+        if file.readline(_LONGEST_LINE).rstrip(b"\n") != _FIRST_LINE.encode():
+            raise WireLogError(f"{path}: is not a recording: its first line is not {_FIRST_LINE!r}")
+        for number in count(2):
+            read = file.readline(_LONGEST_LINE)
+            if len(read) == _LONGEST_LINE:
+                raise WireLogError(Text(NoticeCode.WIRE_LOG_LINE, path=str(path), line=number))
+            if not read.endswith(b"\n"):
+                break
+            line = read[:-1].decode("utf-8", "replace")
+            if line.startswith(_CONFIG):
+                config.append(line.removeprefix(_CONFIG))
+            elif line and not line.startswith("#"):
+                event = _event(line)
+                if event is None:
+                    raise WireLogError(f"{path}, line {number}: cannot be read: {line[:60]!r}")
+                events.append(event)
+            if len(events) > MOST_EVENTS:
+                raise WireLogError(Text(NoticeCode.WIRE_LOG_LONG, path=str(path), most=MOST_EVENTS))
     return WireLog("\n".join(config), tuple(events))
 
 

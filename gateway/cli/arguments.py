@@ -19,7 +19,23 @@ if TYPE_CHECKING:
     from gateway.telemetry.session import Access
 
 AnyFile = click.Path(dir_okay=False, path_type=Path)
-OldFile = click.Path(exists=True, dir_okay=False, path_type=Path)
+
+
+class _RegularFile(click.Path):
+    """A file that exists: of a pipe nobody knows whether anything comes."""
+
+    def convert(self, value: Any, param: Parameter | None, ctx: Context | None) -> Any:
+        """Raises BadParameter."""
+        from gateway.model.text import Text, language_wanted
+
+        found = super().convert(value, param, ctx)
+        if not Path(os.fsdecode(found)).is_file():
+            why = Text("file_no_file").in_language(language_wanted(os.environ))
+            self.fail(f"{str(found)!r}: {why}", param, ctx)
+        return found
+
+
+OldFile = _RegularFile(exists=True, dir_okay=False, path_type=Path)
 ConfigPath = click.argument("config", type=AnyFile)
 
 

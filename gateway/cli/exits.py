@@ -12,8 +12,10 @@ import click
 from drivers.base import DriverError, SetupError
 from gateway.acquisition.wire_log import WireLogError
 from gateway.config.problems import ConfigError
-from gateway.model.text import language_wanted, text_of
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text, language_wanted, text_of
 from gateway.reporting.recordings.problems import RecordingError
+from gateway.runtime.bounded_memory import MemoryBoundError
 from gateway.storage.faults import StoreError
 
 EXIT_CONFIG = 2
@@ -22,7 +24,6 @@ EXIT_WORLD = 3
 """A fault outside the program: a port in use, a device absent, an NC that refuses."""
 EXIT_DIFFERENT = 1
 """A comparison found a difference."""
-_REMEDY = "see `talc-gateway db check`; a gateway that starts on it sets it aside and goes on with what can be read"
 _DATABASE = b"SQLite format 3\0"
 _GIVEN = "gateway.arguments"
 
@@ -57,7 +58,7 @@ class Commands(CommandsElsewhere):
     def invoke(self, ctx: click.Context) -> object:
         try:
             return super().invoke(ctx)
-        except (ConfigError, RecordingError, SetupError, WireLogError) as error:
+        except (ConfigError, MemoryBoundError, RecordingError, SetupError, WireLogError) as error:
             click.echo(f"error: {_said(error)}", err=True)
             sys.exit(EXIT_CONFIG)
         except (DriverError, StoreError, OSError) as error:
@@ -76,7 +77,7 @@ class Commands(CommandsElsewhere):
             if not damaged:
                 raise
             for text in damaged:
-                click.echo(f"error: {text}", err=True)
+                click.echo(f"error: {text.in_language(language_wanted(os.environ))}", err=True)
             sys.exit(EXIT_WORLD)
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
@@ -84,14 +85,15 @@ class Commands(CommandsElsewhere):
         return super().parse_args(ctx, args)
 
 
-def _damaged(given: Sequence[str]) -> Iterator[str]:
+def _damaged(given: Sequence[str]) -> Iterator[Text]:
     """What is damaged in the databases among these arguments."""
     from gateway.storage.damage import damage_found
 
     for name in given:
         with suppress(OSError, ValueError):
             if Path(name).is_file() and _begins(Path(name)) == _DATABASE:
-                yield from (f"{name}: is damaged: {found}; {_REMEDY}" for found in damage_found(Path(name))[:1])
+                for found in damage_found(Path(name))[:1]:
+                    yield Text(NoticeCode.DATABASE_IS_DAMAGED, path=name, found=found)
 
 
 def _begins(path: Path) -> bytes:

@@ -110,7 +110,8 @@ class _SourceOrAddress(click.ParamType[Path | str]):
     def convert(self, value: Path | str, param: click.Parameter | None, ctx: click.Context | None) -> Path | str:
         if isinstance(value, str) and "://" in value:
             return value
-        return self._path.convert(value, param, ctx)
+        found = self._path.convert(value, param, ctx)
+        return found if Path(found).is_dir() else OldFile.convert(found, param, ctx)
 
 
 @click.group()

@@ -9,6 +9,7 @@ from gateway.config.consequences import unarmed
 from gateway.config.model import GatewayConfig
 from gateway.config.prior import described
 from gateway.config.problems import ConfigError
+from gateway.config.reading import read_text
 from gateway.config.telemetry_rules import credential_problems
 from gateway.control.restart.proven import dry_run_wanted
 from gateway.service.opening import armed, contents
@@ -26,5 +27,5 @@ def checked_lines(path: Path, config: GatewayConfig, kinds: Sequence[str]) -> It
     if kinds:
         yield f"kinds of other packages: {', '.join(kinds)}"
     yield from filter(None, (*unarmed(config), dry_run_wanted(config)))
-    if guesses := to_confirm(path.read_text(encoding="utf-8")):
+    if guesses := to_confirm(read_text(path)):
         yield f"still to confirm: {len(guesses)} (line {', '.join(str(number) for number, _ in guesses)})"

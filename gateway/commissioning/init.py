@@ -11,6 +11,7 @@ from pathlib import Path
 import click
 
 from drivers.base import DriverError
+from drivers.bounded_file import bytes_of
 from drivers.can.survey import Stopped
 from drivers.canopen.settings import CanOpenSettings
 from drivers.modbus.settings import ModbusRtuSettings
@@ -125,7 +126,7 @@ def _told(path: Path, text: str, places: Sequence[Place]) -> bool:
 def _is_example(path: Path) -> bool:
     """Whether the file is what the Debian package's postinst has copied from the program's folder."""
     try:
-        return path.read_bytes() == Path(sys.prefix, "share", "gateway.toml").read_bytes()
+        return bytes_of(path) == Path(sys.prefix, "share", "gateway.toml").read_bytes()
     except OSError:
         return False
 

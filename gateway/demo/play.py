@@ -7,19 +7,24 @@ import struct
 from collections.abc import AsyncIterator, Iterable, Iterator, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager, contextmanager, suppress
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 from typing import Protocol
 
 import can
 
+from drivers.bounded_file import opened
 from drivers.build import BUS_KINDS
 from drivers.bus_settings import BusWire, Here
 from drivers.can.settings import is_multicast_group
-from gateway.acquisition.wire_log import WireEvent, WireLogError, is_wire_log, read_wire_log
+from gateway.acquisition.wire_log import MOST_EVENTS, WireEvent, WireLogError, is_wire_log, read_wire_log
 from gateway.config.model import GatewayConfig
 from gateway.config.packed import unpacked
 from gateway.config.polled import BusSection
 from gateway.config.wires import toml_value, wires_toml
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
+from gateway.runtime.bounded_memory import memory_for
 from gateway.runtime.signals import stop_on_signals
 from gateway.runtime.terminal import terminal
 from simulators.devices import (
@@ -136,7 +141,8 @@ def play(path: Path, folder: Path, seconds: float | None, group: tuple[str, int]
     group: multicast group and port for CAN; a second CAN bus uses the next port
     """
     with _held(folder):
-        config, events = read_wire_recording(path, folder)
+        with memory_for(path):
+            config, events = read_wire_recording(path, folder)
         asyncio.run(_play(config, events, folder, seconds, group))
 
 
@@ -249,10 +255,14 @@ def read_wire_recording(path: Path, folder: Path) -> tuple[GatewayConfig | None,
         log = read_wire_log(path)
         return unpacked(log.config, path, folder), log.events
     try:
+        opened(path).close()
         with can.LogReader(path) as messages:
-            events = [_event(m) for m in messages if not (m.is_error_frame or m.is_remote_frame)]
+            found = (_event(m) for m in messages if not (m.is_error_frame or m.is_remote_frame))
+            events = list(islice(found, MOST_EVENTS + 1))
     except (ValueError, OSError, IndexError, KeyError, struct.error, can.CanError) as error:
         raise WireLogError(f"{path}: cannot be read as a CAN log: {error}") from error
+    if len(events) > MOST_EVENTS:
+        raise WireLogError(Text(NoticeCode.WIRE_LOG_LONG, path=str(path), most=MOST_EVENTS))
     if not events:
         raise WireLogError(f"{path}: contains no CAN frames")
     return None, events

@@ -16,6 +16,7 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metri
 from prometheus_client.registry import Collector
 
 from drivers.base import Quality, Reading
+from drivers.bounded_file import check_bounds
 from gateway.config.applied import ConfigurationApplied
 from gateway.config.certificates import certificate_ends
 from gateway.config.consequences import unarmed
@@ -294,6 +295,7 @@ class MetricsServer:
 
 
 def _server_side(tls: TelemetryTls) -> ssl.SSLContext:
+    check_bounds(tls.authority if tls.mutual else None, tls.certificate, tls.key)
     context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH, cafile=str(tls.authority) if tls.mutual else None)
     if tls.mutual:
         context.verify_mode = ssl.CERT_REQUIRED

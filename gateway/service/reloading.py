@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+from contextlib import suppress
 from pathlib import Path
 
 from drivers.base import DriverError
@@ -10,9 +11,13 @@ from gateway.config.file import load
 from gateway.config.problems import ConfigError
 from gateway.model.codes import NoticeCode
 from gateway.model.text import Text, text_of
+from gateway.runtime.workers.process import Bounds, WorkError, in_process_within
 from gateway.service.service import Service
 
 log = logging.getLogger(__name__)
+
+JUDGED_WITHIN = Bounds(elapsed_s=30.0, processor_s=10.0, more_bytes=300 * 2**20)
+"""A file of 500 channels takes a second of a small computer's processor; the rest is for one that is busy."""
 
 
 class Reloading:
@@ -21,10 +26,11 @@ class Reloading:
     Parameters
     ----------
     path: the configuration's file
+    within: what judging it may take
     """
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
+    def __init__(self, path: Path, within: Bounds = JUDGED_WITHIN) -> None:
+        self._path, self._within = path, within
         self._next: PreparedReload | None = None
         """None: the file is read when it is its turn."""
         self._asked = asyncio.Event()
@@ -89,13 +95,26 @@ class Reloading:
             self._applying = False
 
     async def _prepared(self, service: Service) -> PreparedReload:
-        """Raises ConfigError, SetupError, ReloadError."""
+        """Raises ConfigError, SetupError, ReloadError.
+
+        The file and those that it names are first judged elsewhere: a thread that takes too long cannot be ended.
+        """
+        try:
+            await in_process_within(self._within, judge, self._path)
+        except WorkError as error:
+            raise ReloadError(Text(NoticeCode.RELOAD_NOT_JUDGED, file=self._path.name, why=text_of(error))) from error
         return await service.prepare(await asyncio.to_thread(load, self._path))
 
     def _tell(self, service: Service, commanded: PreparedReload | None, why: Text) -> None:
         """Who gave the command was told that it is being applied."""
         if commanded is not None:
             service.tell(Text(NoticeCode.NOT_RELOADED, why=why))
+
+
+def judge(path: Path) -> None:
+    """Take what reading the file takes; what is wrong with it shows when the gateway reads it."""
+    with suppress(ConfigError):
+        load(path)
 
 
 def _text_of(error: ConfigError | DriverError | ReloadError) -> Text:

@@ -4,6 +4,8 @@ import sqlite3
 from contextlib import closing, suppress
 from pathlib import Path
 
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 from gateway.storage.damage import checked_columns
 from gateway.storage.faults import StoreError
 from gateway.storage.history import History
@@ -38,7 +40,7 @@ def _copy_without_readings(database: Path, target: sqlite3.Connection) -> None:
     target.execute("ATTACH ? AS source", (str(database),))
     (version,) = target.execute("PRAGMA source.user_version").fetchone()
     if version != SCHEMA_VERSION:
-        raise StoreError(f"{database}: is of an earlier program (schema {version}); run the gateway once, or copy all")
+        raise StoreError(Text(NoticeCode.DATABASE_EARLIER, path=str(database), version=version))
     target.executescript(NEW)
     with target:
         target.execute("BEGIN")  # one state of the source

@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from drivers.bounded_file import check_bounds
 from drivers.error_words import in_words
 from gateway.config.telemetry import EndpointParts, endpoint
 from gateway.model.codes import NoticeCode
@@ -107,7 +108,7 @@ def _unread(access: Access) -> str:
     for path in (access.authority, access.certificate, access.key):
         try:
             if path is not None:
-                path.read_bytes()
+                check_bounds(path)
         except OSError:
             return str(path)
     return ""

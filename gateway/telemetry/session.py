@@ -2,12 +2,13 @@
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 import zenoh
 
+from drivers.bounded_file import bytes_of, check_bounds
 from gateway.config.telemetry import Telemetry as TelemetrySettings
 from gateway.model.codes import NoticeCode
 from gateway.model.text import Text
@@ -47,8 +48,10 @@ class Access:
 def own_access(settings: TelemetrySettings) -> Access:
     """What the gateway itself uses. Raises OSError if the password cannot be read."""
     tls, password = settings.tls, None
+    with suppress(FileNotFoundError):  # Zenoh says so; a pipe would keep it
+        check_bounds(tls.authority, tls.certificate, tls.key, settings.users_file)
     if settings.password_file is not None:
-        password = settings.password_file.read_text(encoding="utf-8").strip()
+        password = bytes_of(settings.password_file).decode().strip()
     return Access(
         authority=tls.authority, certificate=tls.certificate, key=tls.key, user=settings.user, password=password
     )

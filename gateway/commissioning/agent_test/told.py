@@ -8,6 +8,7 @@ from pathlib import Path
 
 import click
 
+from drivers.bounded_file import bytes_of
 from drivers.problems import suggestion
 from drivers.section import host_name
 from gateway.commissioning.agent_test.clause import ClauseResult, Moves
@@ -32,7 +33,7 @@ def try_agent(
     except ValueError as error:
         raise click.BadParameter(str(error), param_hint="HOST") from None
     allowed = frozenset(Moves(name) for name, wanted in moves.items() if wanted)
-    target = AgentUnderTest(host, port, key_file.read_bytes().strip(), timeout_s)
+    target = AgentUnderTest(host, port, bytes_of(key_file).strip(), timeout_s)
     try:
         return asyncio.run(tell(target, allowed, only, cycle_limit_s))
     except Unreachable as error:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from pydantic import BaseModel
 
+from drivers.bounded_file import opened
 from gateway.config.model import GatewayConfig
 from gateway.config.problems import Problem
 from gateway.model.codes import NoticeCode
@@ -37,7 +38,7 @@ def unread_files(config: GatewayConfig) -> Mapping[str, Text]:
         name = field.rsplit(maxsplit=1)[-1]
         where: dict[str, Value] = {"field": field, "path": str(path), "harm": harm}
         try:
-            with path.open("rb") as file:
+            with opened(path) as file:
                 file.read(1)
         except FileNotFoundError:
             code = NoticeCode.SECRET_ABSENT if name in _SECRETS else NoticeCode.FILE_ABSENT

@@ -22,6 +22,7 @@ from gateway.reporting.recordings.columns import Columns
 from gateway.reporting.recordings.grid import Recording, read_recording
 from gateway.reporting.recordings.layout import ranges_text
 from gateway.reporting.recordings.table import write_table
+from gateway.runtime.bounded_memory import memory_for
 from gateway.runtime.terminal import terminal
 from gateway.storage.history import History
 from talc.kinds import EventCode
@@ -106,7 +107,8 @@ def run_recording(request: Request) -> None:
     from gateway.reporting.page import build
 
     sections = TalcOnly() if request.config is None else load_talc_only(request.config)
-    recording = read_recording(request.file, request.columns, sections.grid.step_s)
+    with memory_for(request.file):
+        recording = read_recording(request.file, request.columns, sections.grid.step_s)
     recording = _zeroed(recording, sections, request.file) if request.zero_each_run else recording
     if request.calibration_min is not None:
         sections = _calibrated(sections, recording, request.calibration_min, request.file)
@@ -313,4 +315,5 @@ def _made(
 
 
 def _sha256(file: Path) -> str:
-    return hashlib.sha256(file.read_bytes()).hexdigest()
+    with file.open("rb") as content:
+        return hashlib.file_digest(content, "sha256").hexdigest()

@@ -15,6 +15,7 @@ import psycopg
 from psycopg import pq
 from psycopg.conninfo import conninfo_to_dict, make_conninfo
 
+from drivers.bounded_file import bytes_of
 from drivers.bus_settings import is_loopback
 from drivers.error_words import in_words
 from gateway.listeners.collect.folder import CollectError, Commit
@@ -209,7 +210,7 @@ def what_is_wrong(error: psycopg.Error) -> str:
 
 def _password(file: Path) -> str:
     try:
-        return file.read_text(encoding="utf-8").strip()
+        return bytes_of(file).decode().strip()
     except (OSError, UnicodeDecodeError) as error:
         raise CollectError(f"{file}: the password cannot be read: {in_words(error)}") from error
 

@@ -19,6 +19,7 @@ from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from drivers.base import SetupError
+from drivers.bounded_file import check_bounds
 from drivers.bus_settings import is_loopback
 from gateway.listeners.web.settings import Tls, WebSettings
 from gateway.model.codes import NoticeCode
@@ -63,6 +64,7 @@ def check_listening(host: str, settings: WebSettings) -> None:
 def check_certificate(tls: Tls) -> None:
     """Raises SetupError for files that cannot be used."""
     try:
+        check_bounds(tls.certificate, tls.key)
         ssl.create_default_context(ssl.Purpose.CLIENT_AUTH).load_cert_chain(
             tls.certificate, tls.key, password=str
         )  # never asks

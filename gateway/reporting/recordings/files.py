@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from drivers.bounded_file import opened
 from drivers.error_words import in_words
 from gateway.config.problems import Problem
 from gateway.model.text import Text
@@ -23,13 +24,13 @@ _PER_SECOND = {"s": 1, "ms": 1_000, "us": 1_000_000, "ns": 1_000_000_000}
 
 def is_database(path: Path) -> bool:
     """Whether the file is a gateway's store."""
-    with path.open("rb") as file:
+    with opened(path) as file:
         return file.read(len(_SQLITE)) == _SQLITE
 
 
 def open_table(path: Path, layout: TextLayout = _PLAIN) -> FileTable:
     """The kind of file, by its content. Raises RecordingError if it is neither."""
-    with path.open("rb") as file:
+    with opened(path) as file:
         parquet = file.read(len(_PARQUET)) == _PARQUET
     if parquet and layout.skip:
         raise RecordingError(path, [Problem("", "is Parquet, which has no lines to skip")])
@@ -49,8 +50,10 @@ class _Parquet:
             what = "Parquet needs pyarrow: install talc-gateway with the extra `parquet`, or save the table as CSV"
             raise RecordingError(path, [Problem("", what)]) from None
         try:
-            self._table: pyarrow.Table = parquet.read_table(path)
+            self._table: pyarrow.Table = parquet.read_table(path, use_threads=False, pre_buffer=False)
             self.head: list[str] = self._table.column_names
+        except MemoryError:  # Arrow's is one of its own errors, too
+            raise
         except (ArrowException, OSError, UnicodeDecodeError) as error:
             raise RecordingError(path, [Problem("", f"is not a readable Parquet file: {in_words(error)}")]) from None
         if not any(self.head):

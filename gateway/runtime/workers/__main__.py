@@ -5,10 +5,13 @@ It ends at once when the gateway ends.
 
 import os
 import pickle
+import resource
+import signal
 import sys
 import threading
 import traceback
 
+from gateway.runtime.bounded_memory import data_bytes
 from gateway.runtime.workers.control_group import join_learning
 
 _NICENESS = 10
@@ -23,8 +26,12 @@ def main() -> int:
     answer = os.dup(_STDOUT)
     os.dup2(sys.stderr.fileno(), _STDOUT)  # what a library prints must not become part of the answer
     try:
-        work, given, named = pickle.load(sys.stdin.buffer)
+        work, given, named, processor_s, more_bytes = pickle.load(sys.stdin.buffer)
         threading.Thread(target=_end_with_the_gateway, daemon=True).start()
+        if more_bytes:
+            most = data_bytes() + more_bytes
+            resource.setrlimit(resource.RLIMIT_DATA, (most, most))
+        signal.setitimer(signal.ITIMER_PROF, processor_s)  # its signal ends the process
         found = pickle.dumps(work(*given, **named))
     except Exception:  # noqa: BLE001 - the gateway reports any error
         traceback.print_exc()

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from pydantic import ValidationError
 
+from drivers.bounded_file import bytes_of
 from drivers.section import both_or_neither
 from gateway.config.fields import DEFAULT_PREFIX
 from gateway.config.telemetry import Telemetry, TelemetryTls, endpoint
@@ -51,7 +52,7 @@ def access_of(
         both_or_neither("--user", user, "--password-file", password_file)
     except ValueError as error:
         raise click.UsageError(str(error)) from None
-    password = None if password_file is None else password_file.read_text(encoding="utf-8").strip()
+    password = None if password_file is None else bytes_of(password_file).decode().strip()
     return Access(authority=authority, certificate=certificate, key=key, user=user, password=password)
 
 

@@ -1,8 +1,10 @@
 """A reload that a command asks for: checked before it is answered, applied once, and reported if it fails after all."""
 
 import asyncio
+import os
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -10,6 +12,7 @@ import pytest
 from gateway.acquisition.reload import BusChanges, PreparedReload, ReloadError
 from gateway.config.applied import ConfigurationApplied
 from gateway.config.file import load
+from gateway.runtime.workers.process import Bounds
 from gateway.service.reloading import Reloading
 from gateway.service.service import Service
 from talc.frame import EventKind
@@ -81,6 +84,39 @@ async def test_a_command_is_refused_if_a_signal_comes_while_its_file_is_read(tmp
         stop.set()
         tasks[1].cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
+
+
+def _children() -> list[int]:
+    return [int(pid) for pid in Path(f"/proc/self/task/{threading.get_native_id()}/children").read_text().split()]
+
+
+async def test_a_file_that_takes_long_is_refused_and_leaves_nothing_behind(tmp_path: Path) -> None:
+    path, clock, kept, stop = tmp_path / "gateway.toml", SteppedClock(), KeptEvents(), asyncio.Event()
+    service, reloading = service_of(path, kept, clock), Reloading(path, Bounds(processor_s=0.2))
+    running = asyncio.create_task(service.run(stop))
+    try:
+        await clock.run_until(3.0)
+        before, threads = service.fingerprint, threading.active_count()
+        path.write_text(OTHER + "[storage]\n" + "".join(f"k{i} = 1\n" for i in range(20_000)), encoding="utf-8")
+        with pytest.raises(ReloadError) as refused:
+            await reloading.ask(service)
+        (said,) = refused.value.args
+        assert (said.code, said.values["why"].code) == ("reload_not_judged", "work_slow")
+        assert service.fingerprint == before
+        assert (threading.active_count(), _children()) == (threads, [])
+    finally:
+        stop.set()
+        await running
+    assert os.listdir(tmp_path) == ["gateway.toml"]  # noqa: PTH208 -- of an asynchronous test
+
+
+async def test_a_file_that_takes_all_memory_is_refused(tmp_path: Path) -> None:
+    path, kept = tmp_path / "gateway.toml", KeptEvents()
+    service, reloading = service_of(path, kept, SteppedClock()), Reloading(path, Bounds(more_bytes=2**20))
+    path.write_text(OTHER + "x = [" + "1," * 100_000 + "]\n", encoding="utf-8")
+    with pytest.raises(ReloadError) as refused:
+        await reloading.ask(service)
+    assert refused.value.args[0].code == "reload_not_judged"
 
 
 async def test_what_fails_after_the_answer_is_an_event(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

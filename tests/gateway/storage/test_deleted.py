@@ -148,7 +148,7 @@ def test_a_log_that_is_cut_in_place_is_noticed(left: int | None, tmp_path: Path)
         if left is None:
             os.truncate(log, size + 4120)
         wait_until(lambda: store.health.mended)
-        assert store.health.mended.values["why"].startswith("its log (-wal) was cut to ")
+        assert "its log (-wal) was cut to " in store.health.mended
         make(store, 20)
         until_all_written(store)
     with History(path) as history:

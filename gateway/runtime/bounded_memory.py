@@ -1,0 +1,43 @@
+"""Bounds the memory that reading a file from outside may take: a few bytes of it may stand for gigabytes."""
+
+import os
+import resource
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
+
+_LEAST_BYTES = 180 * 2**20
+_TIMES = 12
+"""What a file of text may take for each of its bytes: cells as texts, then as numbers."""
+
+
+class MemoryBoundError(Exception):
+    """The file takes more memory than a file of its size may."""
+
+
+@contextmanager
+def memory_for(path: Path) -> Iterator[None]:
+    """Inside, the process may take 180 MiB or twelve times the file's size of memory, whichever is more.
+
+    For a command that does nothing else meanwhile: the bound is the process's. Raises MemoryBoundError.
+    """
+    before = resource.getrlimit(resource.RLIMIT_DATA)
+    more = max(_LEAST_BYTES, _TIMES * path.stat().st_size)
+    most = data_bytes() + more
+    if before[0] == resource.RLIM_INFINITY or most < before[0]:
+        resource.setrlimit(resource.RLIMIT_DATA, (most, before[1]))
+    try:
+        yield
+    except MemoryError:
+        raise MemoryBoundError(Text(NoticeCode.FILE_TAKES_MEMORY, path=str(path), most_mb=more >> 20)) from None
+    finally:
+        resource.setrlimit(resource.RLIMIT_DATA, before)
+
+
+def data_bytes() -> int:
+    """What the kernel counts as this process's data."""
+    pages = Path("/proc/self/statm").read_text(encoding="ascii").split()
+    return int(pages[5]) * os.sysconf("SC_PAGE_SIZE")

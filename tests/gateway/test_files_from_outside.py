@@ -1,0 +1,67 @@
+"""Files that somebody hands to a command: a pipe is refused at once, and no small file takes all memory."""
+
+import os
+import resource
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from click.testing import CliRunner
+from pyarrow import parquet
+
+from gateway.acquisition.wire_log import WireLogError, read_wire_log
+from gateway.cli.main import main
+from gateway.reporting.recordings.columns import Columns
+from gateway.reporting.recordings.grid import read_recording
+from gateway.runtime.bounded_memory import MemoryBoundError, memory_for
+
+BEGIN = "# talc wire log 1\n"
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("replay", "PIPE"),
+        ("play", "PIPE"),
+        ("report", "PIPE"),
+        ("db", "check", "PIPE"),
+        ("prior", "make", "PIPE", "-o", "made.json"),
+        ("check", "PIPE"),
+        ("init", "gateway.toml", "--answers", "PIPE"),
+        ("watch", "--authority", "PIPE"),
+        ("watch", "--user", "me", "--password-file", "PIPE"),
+    ],
+    ids=" ".join,
+)
+def test_a_pipe_is_refused_at_once(command: tuple[str, ...], tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    done = CliRunner().invoke(main, [str(pipe) if word == "PIPE" else word for word in command], env={"LANG": "de_DE"})
+    assert done.exit_code == 2
+    assert "eine Pipe oder ein Gerät, keine Datei" in done.output
+
+
+def test_a_few_bytes_of_parquet_that_stand_for_gigabytes_are_refused(tmp_path: Path) -> None:
+    file, many = tmp_path / "machine.parquet", 10_000_000
+    column = pa.array(np.zeros(many))
+    parquet.write_table(pa.table({"time": column, "bed": column, "EX0C": column}), file, compression="zstd")
+    del column
+    before = resource.getrlimit(resource.RLIMIT_DATA)
+    with pytest.raises(MemoryBoundError), memory_for(file):
+        read_recording(file, Columns(), 300.0)
+    assert resource.getrlimit(resource.RLIMIT_DATA) == before
+
+
+def test_a_wire_log_of_one_endless_line_or_too_many_messages_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("gateway.acquisition.wire_log.MOST_EVENTS", 10)
+    file = tmp_path / "wires.log"
+    for text, code in (("(1.0) a > " + "0" * 2**19, "wire_log_line"), ("(1.0) a > 00\n" * 11, "wire_log_long")):
+        file.write_text(BEGIN + text, encoding="utf-8")
+        with pytest.raises(WireLogError) as refused:
+            read_wire_log(file)
+        assert refused.value.args[0].code == code
+    file.write_text(BEGIN + "(1.0) a > 00\n" * 10 + "(1.0) a >", encoding="utf-8")
+    assert len(read_wire_log(file).events) == 10, "a line that a power cut ended is left out"
