@@ -28,10 +28,10 @@ _FIRST_LINE = "# talc wire log 1"
 _CONFIG = "#: "
 _MOST_WAITING = 10_000
 """Lines that may wait for the disk: some seconds of a busy machine."""
-_LONGEST_LINE = 2**18
-"""Bytes; a line of the configuration may hold a table."""
-MOST_EVENTS = 1_000_000
-"""That are read: they take 250 MB of memory."""
+_LONGEST_LINE = 2**24
+"""Bytes; a line of the configuration may hold a DBC file."""
+MOST_EVENTS = 5_000_000
+"""That are read: a file of `--record` has fewer."""
 _LINE = re.compile(r"\((\d+\.\d+)\) (\w+) (?:([<>]) ([0-9a-f]*)|! (.+)|([0-9A-F]{3}|[0-9A-F]{8})#([0-9A-F]*) ([RT]))")
 
 PassedKind = Literal["sent", "received", "note"]

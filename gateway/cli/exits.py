@@ -24,6 +24,7 @@ EXIT_WORLD = 3
 """A fault outside the program: a port in use, a device absent, an NC that refuses."""
 EXIT_DIFFERENT = 1
 """A comparison found a difference."""
+_GIVEN_WRONG = (ConfigError, MemoryBoundError, RecordingError, SetupError, WireLogError)
 _DATABASE = b"SQLite format 3\0"
 _GIVEN = "gateway.arguments"
 
@@ -58,7 +59,7 @@ class Commands(CommandsElsewhere):
     def invoke(self, ctx: click.Context) -> object:
         try:
             return super().invoke(ctx)
-        except (ConfigError, MemoryBoundError, RecordingError, SetupError, WireLogError) as error:
+        except _GIVEN_WRONG as error:
             click.echo(f"error: {_said(error)}", err=True)
             sys.exit(EXIT_CONFIG)
         except (DriverError, StoreError, OSError) as error:

@@ -30,8 +30,8 @@ after every effective reload. The database keeps each one with its time.
 reopens only the buses that changed (themselves, their devices, the files of your own profiles, or the limits of their
 channels); the others keep their period. Changes to anything that the models and the NC depend on need a restart: the
 names and order of the channels, `[machine]`, `[grid]`, `[storage]`, `[telemetry]`, `[metrics]`, `[[state]]`,
-`[[planned_load]]`, `[nc]`, `[probing]`, `[compensation]`, `[talc]` and `[sensor_check]`. A file that cannot be applied
-changes nothing, and the log says why.
+`[[planned_load]]`, `[nc]`, `[probing]`, `[compensation]`, `[talc]` and `[sensor_check]`. A file that cannot be applied,
+or judged within 10 s of processor time and 300 MB, changes nothing, and the log says why.
 """
 
 

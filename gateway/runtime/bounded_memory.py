@@ -30,11 +30,12 @@ def memory_for(path: Path) -> Iterator[None]:
     if before[0] == resource.RLIM_INFINITY or most < before[0]:
         resource.setrlimit(resource.RLIMIT_DATA, (most, before[1]))
     try:
-        yield
+        try:
+            yield
+        finally:
+            resource.setrlimit(resource.RLIMIT_DATA, before)
     except MemoryError:
         raise MemoryBoundError(Text(NoticeCode.FILE_TAKES_MEMORY, path=str(path), most_mb=more >> 20)) from None
-    finally:
-        resource.setrlimit(resource.RLIMIT_DATA, before)
 
 
 def data_bytes() -> int:

@@ -58,7 +58,7 @@ def test_a_wire_log_of_one_endless_line_or_too_many_messages_is_refused(
 ) -> None:
     monkeypatch.setattr("gateway.acquisition.wire_log.MOST_EVENTS", 10)
     file = tmp_path / "wires.log"
-    for text, code in (("(1.0) a > " + "0" * 2**19, "wire_log_line"), ("(1.0) a > 00\n" * 11, "wire_log_long")):
+    for text, code in (("(1.0) a > " + "0" * 2**24, "wire_log_line"), ("(1.0) a > 00\n" * 11, "wire_log_long")):
         file.write_text(BEGIN + text, encoding="utf-8")
         with pytest.raises(WireLogError) as refused:
             read_wire_log(file)

@@ -44,7 +44,7 @@ def test_it_joins_the_control_group_of_what_learns_before_it_works() -> None:
     with program:  # the end of its input would end the work
         assert program.stdin is not None
         assert program.stderr is not None
-        program.stdin.write(pickle.dumps((say, ("works",), {})))
+        program.stdin.write(pickle.dumps((say, ("works",), {}, 0.0, 0)))
         program.stdin.flush()
         assert program.stderr.read().decode() == "joined\nworks\n"
     assert program.returncode == 0
