@@ -37,11 +37,13 @@ from gateway.model.events import (
     Health,
     HealthChecked,
     MeasurementEnded,
+    OutlookChanged,
     ReadingsTaken,
     StoreHealth,
 )
-from gateway.model.probing import End, Outcome
+from gateway.model.probing import End, Outcome, Outlook
 from gateway.model.sample import samples
+from gateway.model.standing import Standing
 from gateway.model.text import Language, language_wanted, plain
 from gateway.runtime.extras import missing_of
 from gateway.runtime.signals import stop_on_signals
@@ -60,7 +62,8 @@ from simulators.clock import SharedClock
 from talc.control import Controller
 from talc.frame import Frame, Measurement, Why
 
-_LASTS_S: Final = 60.0
+_LASTS_S: Final = 50.0
+"""Of the minute, while the clock runs; it stands still while a step is computed, in all about ten seconds of a core."""
 _STATUS_S: Final = 5.0
 """How often the last state is said again, real seconds, until somebody stops it."""
 
@@ -178,6 +181,7 @@ async def _play(
         console.print(said("demo.replaying", hours=lasts_s / 3600.0), highlight=False, soft_wrap=True)
         events.subscribe_to_all(publisher.publish)
         events.publish(ConfigurationApplied(config))
+        events.publish(OutlookChanged(Outlook(Standing.NOT_WANTED, None)))  # a measurement ends in the step that asks
         learning = asyncio.create_task(planned.run())
         clock.start()
         try:
