@@ -19,6 +19,7 @@ from gateway.control.restart.rebuild import Interrupted, Rebuilt, marks
 from gateway.control.restart.snapshots import SnapshotKeeper
 from gateway.model.events import DecisionMade, FrameMade, ModelsAdopted
 from gateway.service.serving import serve
+from gateway.storage.backup import back_up
 from gateway.storage.history import History
 from gateway.storage.snapshot import SnapshotError, decode_snapshot
 from gateway.storage.store import Store
@@ -140,6 +141,20 @@ def test_a_replay_is_identical_over_restarts_from_snapshots_each_of_which_repeat
     with History(config.storage.path) as history:
         result = replay(history)
     assert (result.identical, result.steps) == (True, 180), result.first
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["learner", "models"])
+def test_another_computer_goes_on_from_a_backup_with_what_was_learnt(method: str, tmp_path: Path) -> None:
+    config, new = config_of(tmp_path / "failed", method), config_of(tmp_path / "new", method)
+    for computer in (config, new):
+        computer.storage.path.parent.mkdir()
+    run(config, fresh(config), 0, LONGER, "earlier")
+    back_up(config.storage.path, new.storage.path, readings=False)
+    assert_same_past(restarted(new), restarted(config))
+    run(new, restarted(new), LONGER, LONGER + 20, "later")
+    with History(new.storage.path) as history:
+        assert replay(history).identical
 
 
 @pytest.mark.slow
