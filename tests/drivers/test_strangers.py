@@ -8,6 +8,7 @@ from collections.abc import Iterator
 
 import pytest
 
+from tests.benches.strangers import me_trial
 from tests.benches.strangers.modbus_nature import Nature
 from tests.benches.strangers.modbus_trial import Trial, tried
 
@@ -37,6 +38,13 @@ def test_the_first_ones(begin: int) -> None:
 @pytest.mark.parametrize("seed", KEPT)
 def test_those_that_were_read_wrongly_once(seed: int) -> None:
     trial = tried(seed)
+    assert not list(trial.problems()), trial.nature
+
+
+@pytest.mark.parametrize("seed", range(24))
+def test_micro_epsilon_controllers(seed: int) -> None:
+    """The first ones: `--of me` tries more of them."""
+    trial = me_trial.tried(seed)
     assert not list(trial.problems()), trial.nature
 
 

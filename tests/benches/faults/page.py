@@ -115,9 +115,10 @@ one comes and goes, or one answers late once: the others keep every interval wit
 late answer is not reported as a fault. When all five fall silent, each shows it within two periods, and no period is
 missed.
 
-`python -m tests.benches.strangers --seeds 200000` draws devices that are slow, mute, closing, restarting, one answer
-behind, or that send twice or in pieces: no value may be wrong, and what a plain client with a timeout of 5 s reads
-within the period, the gateway reads from the 20th period on.
+`python -m tests.benches.strangers --seeds 200000` draws Modbus devices that are slow, mute, closing, restarting, one
+answer behind, or that send twice or in pieces; `--of me` draws Micro-Epsilon controllers that stand still, are
+exchanged, lose bytes or send late. No value may be wrong, and what a plain client with a timeout of 5 s reads within
+the period, the gateway reads from the 20th period on.
 """
 
 

@@ -1,4 +1,7 @@
-"""Tries devices of many seeds: `python -m tests.benches.strangers --seeds 200000`; one: `--seed 17 --show`."""
+"""Tries devices of many seeds: `python -m tests.benches.strangers --seeds 200000`; one: `--seed 17 --show`.
+
+Modbus devices, or Micro-Epsilon controllers: `--of me`.
+"""
 
 import logging
 import sys
@@ -7,22 +10,26 @@ from pprint import pprint
 
 import click
 
-from tests.benches.strangers.modbus_trial import show, tried
+from tests.benches.strangers import me_trial, modbus_trial
+
+_TRIALS = {"modbus": modbus_trial, "me": me_trial}
 
 
 @click.command()
 @click.option("--seeds", default=300, show_default=True, help="How many are tried.")
 @click.option("--seed", default=0, show_default=True, help="The first one.")
+@click.option("--of", "kind", type=click.Choice(list(_TRIALS)), default="modbus", show_default=True)
 @click.option("--show", "shows", is_flag=True, help="Show all of the first one.")
-def main(seeds: int, seed: int, shows: bool) -> None:
+def main(seeds: int, seed: int, kind: str, shows: bool) -> None:
     """Exit code 1: a device was not read as it must be. Each is one line, with the seed that repeats it."""
     logging.disable(logging.CRITICAL)
+    trials = _TRIALS[kind]
     if shows:
-        pprint(show(seed), width=150)
+        pprint(trials.show(seed), width=150)
         return
     began_s, failed = time.process_time(), 0
     for one in range(seed, seed + seeds):
-        trial = tried(one)
+        trial = trials.tried(one)
         if problems := list(trial.problems()):
             failed += 1
             click.echo(f"seed {one} ({trial.nature}): {'; '.join(problems)}")

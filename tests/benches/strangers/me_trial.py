@@ -1,0 +1,190 @@
+"""Reads a drawn Micro-Epsilon controller with the gateway's acquisition and with a plain client, and compares."""
+
+import asyncio
+import random
+import struct
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from itertools import count
+
+from drivers.base import Quality
+from drivers.build import make_device
+from drivers.text import Text
+from gateway.acquisition.line import Line
+from gateway.acquisition.runner import BusRunner
+from gateway.model.notice import Notice
+from gateway.model.sample import Sample
+from tests.benches.buses import make_bus
+from tests.benches.strangers.driven_loop import DrivenLoop, LoopClock, run_driven
+from tests.benches.strangers.me_host import ForeignController, MeNature, age_s, drawn, told
+
+PERIODS = 50
+WITHIN = 20
+"""So many periods the gateway has to get to know a controller."""
+_READ = 0.75
+"""Share of the plain client's readings that the gateway must have."""
+_IN_TIME = 0.9
+"""Of the period, and of the timeout: what the plain client has read by then."""
+_FEW = 2.0
+"""So many fewer are chance."""
+_STEP_S = 0.02
+"""Of the channels' time."""
+_RANGE_UM = 0xFFFFFF / 100.0
+_PATIENCE_S = 5.0
+_HEAD_BYTES = 36
+_CAUSES = {
+    "frozen": "me_stands_still",
+    "other": "me_other_controller",
+    "low": "me_before_range",
+    "high": "me_after_range",
+}
+"""What is said of some bursts."""
+
+
+class MeTrial:
+    """One seed."""
+
+    def __init__(self, nature: MeNature, seed: int) -> None:
+        self.nature, self.seed = nature, seed
+        self.lasts_s = PERIODS * nature.period_s
+        self.wrong: list[str] = []
+        self.good: dict[str, list[float]] = {str(channel): [] for channel in range(nature.channels)}
+        self.said: dict[str, int] = {}
+        self.codes: set[str] = set()
+        self.notices: list[str] = []
+        self.plain: list[float] = []
+        """When it had read all, s after the beginning, and within the period and the timeout."""
+
+    def run(self) -> None:
+        run_driven(self._gateway)
+        run_driven(self._plain)
+
+    def _host(self, loop: DrivenLoop) -> None:
+        loop.hosts["host"] = ForeignController(loop, self.nature, random.Random(self.seed))
+
+    async def _plain(self, loop: DrivenLoop) -> None:
+        self._host(loop)
+        began_s = due_s = loop.time()
+        ear, line = None, None
+        while (now_s := loop.time()) < began_s + self.lasts_s:
+            await asyncio.sleep(due_s - now_s)
+            if ear is None or not ear.is_open:
+                with suppress(ConnectionRefusedError):
+                    line, ear = await loop.create_connection(_Ear, "host", 10001)
+            asked_s = loop.time()
+            if ear is not None and await ear.block(loop, self.nature):
+                took_s = loop.time() - asked_s
+                if took_s < _IN_TIME * min(self.nature.period_s, self.nature.timeout_s):
+                    self.plain.append(loop.time() - began_s)
+            due_s = max(due_s + self.nature.period_s, loop.time())
+        if line is not None:
+            line.close()
+
+    async def _gateway(self, loop: DrivenLoop) -> None:
+        self._host(loop)
+        nature, clock, began_s = self.nature, LoopClock(loop), loop.time()
+        bus = make_bus("bus", "me_ethernet", {"host": "host", "port": 10001, "timeout_s": nature.timeout_s})
+        channels = {name: int(name) for name in self.good}
+        driver = make_device("d", bus, "me_ethernet", 1, channels, {"range_um": _RANGE_UM}, clock)
+        last_s = began_s
+
+        def publish(samples: Sequence[Sample]) -> None:
+            nonlocal last_s
+            now_s = loop.time()
+            for sample in samples:
+                if sample.quality is not Quality.GOOD:
+                    self._says(sample.detail)
+                    continue
+                found = round(sample.value * 100)
+                if told(found)[0] != int(sample.channel):
+                    self.wrong.append(f"{now_s - began_s:.2f} s: {sample.channel} shows {found:X} hex")
+                elif age_s(found, now_s) > now_s - last_s + _STEP_S:
+                    self.wrong.append(f"{now_s - began_s:.2f} s: {sample.channel} is {age_s(found, now_s):.2f} s old")
+                self.good[sample.channel].append(now_s - began_s)
+            last_s = now_s
+
+        def notify(notice: Notice) -> None:
+            self.notices.append(f"{loop.time() - began_s:.2f} s: {'end: ' if notice.ended else ''}{notice.text}")
+
+        runner = BusRunner(Line(bus, (driver,), nature.period_s), clock, publish, notify, count(1).__next__, quiet=True)
+        running = asyncio.ensure_future(runner.run())
+        await asyncio.sleep(self.lasts_s)
+        running.cancel()
+        with suppress(asyncio.CancelledError):
+            await running
+
+    def _says(self, detail: str) -> None:
+        self.said[detail] = self.said.get(detail, 0) + 1
+        if isinstance(detail, Text):
+            self.codes |= {code for code in _CAUSES.values() if detail.says(code)}
+
+    def problems(self) -> Iterator[str]:
+        """What is not as it must be."""
+        yield from self.wrong[:3]
+        nature, since_s = self.nature, WITHIN * self.nature.period_s
+        theirs, ours = (sum(s >= since_s for s in read) for read in (self.plain, self.good["0"]))
+        if ours < _READ * theirs - _FEW:
+            yield f"{ours} readings, a plain client has {theirs} in time"
+        is_heard = not (nature.mute_s or nature.lingers_s or nature.closes_s or nature.loses or nature.noise)
+        is_long = nature.burst_s > 3 * max(nature.period_s, nature.block_s) + nature.timeout_s
+        is_sent = nature.block_s < nature.timeout_s / 2 and self.lasts_s > nature.every_s
+        cause = _CAUSES.get(nature.burst)
+        if cause and is_heard and is_long and is_sent and cause not in self.codes:
+            yield f"nothing says {cause}"
+
+
+class _Ear(asyncio.Protocol):
+    def __init__(self) -> None:
+        self.heard, self.is_open, self.told = bytearray(), True, asyncio.Event()
+
+    def data_received(self, data: bytes) -> None:
+        self.heard += data
+        self.told.set()
+
+    def connection_lost(self, _: Exception | None) -> None:
+        self.is_open = False
+        self.told.set()
+
+    async def block(self, loop: DrivenLoop, nature: MeNature) -> bool:
+        """Whether a new, right block of the same controller comes in time."""
+        self.heard.clear()
+        until_s, began_s = loop.time() + _PATIENCE_S, loop.time()
+        size = _HEAD_BYTES + 4 * nature.channels * nature.frames
+        while True:
+            at = self.heard.find(b"MEAS")
+            while at >= 0 and len(self.heard) >= at + size:
+                block = bytes(self.heard[at : at + size])
+                values = struct.unpack(f"<{nature.channels}i", block[-4 * nature.channels :])
+                serial = int.from_bytes(block[8:12], "little")
+                is_new = age_s(values[0], loop.time()) <= loop.time() - began_s + nature.block_s + _STEP_S
+                if serial == 4711 and told(values[0])[0] == 0 and is_new:
+                    return True
+                at = self.heard.find(b"MEAS", at + 4)
+            if not self.is_open or loop.time() >= until_s:
+                return False
+            self.told.clear()
+            try:
+                async with asyncio.timeout_at(until_s):
+                    await self.told.wait()
+            except TimeoutError:
+                return False
+
+
+def tried(seed: int) -> MeTrial:
+    """The trial of that seed."""
+    trial = MeTrial(drawn(random.Random(seed)), seed)
+    trial.run()
+    return trial
+
+
+def show(seed: int) -> dict[str, object]:
+    """All of one seed, to look at."""
+    trial = tried(seed)
+    return {
+        "nature": str(trial.nature),
+        "problems": list(trial.problems()),
+        "said": trial.said,
+        "notices": trial.notices,
+        "good": {c: len(v) for c, v in trial.good.items()},
+        "plain": len(trial.plain),
+    }
