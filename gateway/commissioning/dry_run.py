@@ -100,7 +100,7 @@ async def dry_run(
                 await nc.close()
         if not done.wrong:
             lowest = min(pose.above_mm for pose in done.poses)
-            what = f"{len(done.poses)} poses, at the lowest {lowest:.1f} mm above the sphere's centre"
+            what = Text(NoticeCode.DRY_RUN_POSES, n=len(done.poses), lowest_mm=lowest)
             store.record(EventReported(event_of(EventKind.OPERATOR, recorded(geometry, what, path)), None))
     return done
 

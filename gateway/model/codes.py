@@ -102,6 +102,8 @@ class NoticeCode(StrEnum):
 
     # dry runs
     DRY_RUN_DONE = "dry_run_done"
+    DRY_RUN_POSES = "dry_run_poses"
+    DRY_RUN_PATH = "dry_run_path"
     DRY_RUN_NOT_SHOWN = "dry_run_not_shown"
     DRY_RUN_OFFERED = "dry_run_offered"
     DRY_RUN_UNKNOWN = "dry_run_unknown"

@@ -56,10 +56,10 @@ def geometry_of(config: GatewayConfig) -> Geometry | None:
     return replace(found, channel=nc.channel, origin_mm=nc.origin_mm) if isinstance(nc, SinumerikNc) else found
 
 
-def recorded(geometry: Geometry, what: str, path: str = "") -> Text:
+def recorded(geometry: Geometry, what: str | Text, path: str = "") -> Text:
     """What is stored of a dry run that went well. what: its figures; path: see MarksPath"""
     # The store tells texts apart by their words.
-    figures = f"{what}; path {path}" if path else what
+    figures = Text(NoticeCode.DRY_RUN_PATH, what=what, path=path) if path else what
     return Text(NoticeCode.DRY_RUN_DONE, control=geometry.control, figures=figures, geometry=geometry.mark, path=path)
 
 
