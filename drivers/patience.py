@@ -22,6 +22,10 @@ _FORGETS = 0.98
 """What remains of it after each answer."""
 _SLOW = 1.25
 """How much longer than its mean a request is waited for at least, where a late answer can be had later."""
+LONGER = 1.25
+"""Factor of the time that late answers take, where they are waited for beyond the longest wait."""
+_MOST_LONGER = 10
+"""Times the longest wait, no late answer is waited for longer."""
 _MOST_MISSES = 10
 """More are not counted: the longest wait is reached before."""
 
@@ -75,6 +79,10 @@ class Patience:
         if isfinite(self._growth):
             wait_s = min(wait_s, max(self._longest_s / 2, _SLOW * usual.mean_s))
         return min(self._longest_s, wait_s * self._growth**usual.misses if longer else wait_s)
+
+    def late_s(self, wanted_s: float) -> float:
+        """How long an answer is waited for that always comes late: that long, within what is reasonable."""
+        return min(max(self._longest_s, wanted_s), _MOST_LONGER * self._longest_s)
 
     def answered(self, unit: int, request: Hashable, took_s: float) -> None:
         """Record an answer that certainly belongs to this request."""

@@ -26,7 +26,7 @@ from drivers.canopen.events import NodeEvents
 from drivers.canopen.frames import FittingAnswers, LatestFrames, pass_on
 from drivers.canopen.place import CanObject
 from drivers.canopen.settings import CanOpenSettings
-from drivers.patience import Patience
+from drivers.patience import LONGER, Patience
 from drivers.tap import Tap
 from drivers.text import Text
 
@@ -38,10 +38,6 @@ _NMT_START = 1
 _LONGEST_NUMBER = 8
 """Bytes of the widest number that a node may hold. A transfer that never ends is aborted beyond that."""
 
-_LONGER = 1.25
-"""Factor of the time that a late answer took: the next one is waited for that long."""
-_LONGEST = 10
-"""Times the timeout, no late answer is waited for longer."""
 
 logging.getLogger("canopen").setLevel(logging.CRITICAL)  # what it logs is raised here as an error
 
@@ -350,12 +346,9 @@ class CanOpenBus:
 
     def _longest_s(self, node: int) -> float:
         """How long an answer may take: longer than the timeout, if that is not enough and no other node waits."""
-        timeout_s = self._settings.timeout_s
-        return (
-            timeout_s
-            if len(self._fitting) > 1
-            else min(max(timeout_s, _LONGER * self._fitting[node].late_s), _LONGEST * timeout_s)
-        )
+        if len(self._fitting) > 1:
+            return self._settings.timeout_s
+        return self._patience.late_s(LONGER * self._fitting[node].late_s)
 
     def _communication(
         self, device: str, node: int, wanted: CanObject, error: Exception, waited_s: float

@@ -45,8 +45,6 @@ _MOST_BEHIND = 4
 """So often in a row a server may answer only earlier requests, until the connection is opened again."""
 _STRIDE = 2
 """Between the numbers of two requests: a server that answers with the next number never hits another request's."""
-_LONGEST = 10
-"""Times the timeout, no late answer is waited for longer."""
 _GIVEN_UP_S = 5.0
 """How long none is after that was in vain."""
 _MOST_HEARD = 4096
@@ -252,7 +250,7 @@ class ModbusBus(StreamBus, ABC):
         is_vain = asyncio.get_running_loop().time() < self._longer_in_vain_s + _GIVEN_UP_S
         if is_vain or not self._requests.all_slower(self._timeout_s):
             return self._timeout_s
-        return min(max(self._timeout_s, self._requests.patience_s(unit)), _LONGEST * self._timeout_s)
+        return self._patience.late_s(self._requests.patience_s(unit))
 
     def _wait_s(self, unit: int, like: Block) -> float:
         """How long the first byte of the answer is waited for."""

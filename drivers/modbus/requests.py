@@ -19,6 +19,7 @@ from math import inf, isinf
 
 from drivers.modbus.frames import REFUSED, alike, data_bytes
 from drivers.modbus.numbers import BIT_FUNCTIONS, Block
+from drivers.patience import LONGER
 
 _FORGOTTEN_S = 10.0
 """No answer comes later than this."""
@@ -29,8 +30,6 @@ _IS_LATE = 0.5
 _UNKNOWN = 0.4
 _IS_LOST = 0.2
 """Below this share they count as lost."""
-_LONGER = 1.25
-"""Factor of the time that late answers of a unit usually take: it is waited for that long."""
 _RECENT_S = 0.5
 """No copy of an answer comes later than this."""
 _AT_ONCE_S = 0.08
@@ -322,7 +321,7 @@ class Requests:
         To a unit that is busy, each repeated request is one more that it has to answer.
         """
         one = self._of(unit)
-        return _LONGER * one.late_s if one.late_share > _IS_LATE else 0.0
+        return LONGER * one.late_s if one.late_share > _IS_LATE else 0.0
 
     def least_s(self, unit: int) -> float:
         """How long an answer of the unit takes at least."""
