@@ -85,7 +85,10 @@ def show_time(axes: Axes, data: ReportData, *, named: bool = True) -> None:
     if data.origin_s is None:
         locator = AutoDateLocator(tz=data.zone)  # type: ignore[no-untyped-call]
         axes.xaxis.set_major_locator(locator)
-        axes.xaxis.set_major_formatter(ConciseDateFormatter(locator, tz=data.zone))  # type: ignore[no-untyped-call]
+        dates = ConciseDateFormatter(locator, tz=data.zone)  # type: ignore[no-untyped-call]
+        for formats in (dates.formats, dates.zero_formats, dates.offset_formats):
+            formats[:] = [each.replace("%b", "%m") for each in formats]  # as the texts write dates, in any language
+        axes.xaxis.set_major_formatter(dates)
     else:
         axes.xaxis.set_major_formatter("{x:g} h")
     if not named:
