@@ -106,7 +106,10 @@ class MeEthernetDevice:
 
         Raises WrongDevice, or the bus's errors.
         """
-        await self._block()
+        block = await self._block()
+        self._renewal.fault(
+            block.counter, tuple(block.values.items())
+        )  # it may have stood still before this connection
 
     async def read(self, *, again: bool = False) -> Sequence[Reading]:  # noqa: ARG002
         """One reading per channel, in µm, from the next block. Raises as `connect`."""

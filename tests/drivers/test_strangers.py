@@ -41,9 +41,9 @@ def test_those_that_were_read_wrongly_once(seed: int) -> None:
     assert not list(trial.problems()), trial.nature
 
 
-@pytest.mark.parametrize("seed", range(24))
+@pytest.mark.parametrize("seed", [*range(24), 328])
 def test_micro_epsilon_controllers(seed: int) -> None:
-    """The first ones: `--of me` tries more of them."""
+    """The first ones, and one that showed a frozen value on a new connection; `--of me` tries more of them."""
     trial = me_trial.tried(seed)
     assert not list(trial.problems()), trial.nature
 
