@@ -72,7 +72,11 @@ class Commands(CommandsElsewhere):
             for leaf in _leaves(known):
                 click.echo(f"error: {_said(leaf)}", err=True)
             sys.exit(EXIT_WORLD)
-        except Exception:
+        except Exception as error:
+            if _is_lack_of_memory(error):
+                said = Text(NoticeCode.TOO_LITTLE_MEMORY, why=str(error) or type(error).__name__)
+                click.echo(f"error: {said.in_language(language_wanted(os.environ))}", err=True)
+                sys.exit(EXIT_WORLD)
             # A value that no gateway writes may raise anything, anywhere: the database says whether it is damaged.
             damaged = list(_damaged(ctx.meta.get(_GIVEN, ())))
             if not damaged:
@@ -84,6 +88,14 @@ class Commands(CommandsElsewhere):
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         ctx.meta[_GIVEN] = tuple(args)
         return super().parse_args(ctx, args)
+
+
+def _is_lack_of_memory(error: Exception) -> bool:
+    """Also of a library that could not be loaded, or a thread that could not be started."""
+    told = ("failed to map segment", "cannot allocate memory", "can't start new thread")
+    return isinstance(error, MemoryError) or (
+        isinstance(error, ImportError | OSError | RuntimeError) and any(words in str(error).lower() for words in told)
+    )
 
 
 def _damaged(given: Sequence[str]) -> Iterator[Text]:

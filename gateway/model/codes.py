@@ -342,6 +342,7 @@ class NoticeCode(StrEnum):
     PLEASE_REPORT = "please_report"
     FILE_NOT_READ = "file_not_read"
     FILE_TAKES_MEMORY = "file_takes_memory"
+    TOO_LITTLE_MEMORY = "too_little_memory"
     WIRE_LOG_LONG = "wire_log_long"
     WIRE_LOG_LINE = "wire_log_line"
     DATABASE_IS_DAMAGED = "database_is_damaged"

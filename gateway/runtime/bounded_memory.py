@@ -9,7 +9,7 @@ from pathlib import Path
 from gateway.model.codes import NoticeCode
 from gateway.model.text import Text
 
-_LEAST_BYTES = 180 * 2**20
+_LEAST_BYTES = 150 * 2**20
 _TIMES = 12
 """What a file of text may take for each of its bytes: cells as texts, then as numbers."""
 
@@ -20,7 +20,7 @@ class MemoryBoundError(Exception):
 
 @contextmanager
 def memory_for(path: Path) -> Iterator[None]:
-    """Inside, the process may take 180 MiB or twelve times the file's size of memory, whichever is more.
+    """Inside, the process may take 150 MiB or twelve times the file's size of memory, whichever is more.
 
     For a command that does nothing else meanwhile: the bound is the process's. Raises MemoryBoundError.
     """
@@ -36,6 +36,12 @@ def memory_for(path: Path) -> Iterator[None]:
             resource.setrlimit(resource.RLIMIT_DATA, before)
     except MemoryError:
         raise MemoryBoundError(Text(NoticeCode.FILE_TAKES_MEMORY, path=str(path), most_mb=more >> 20)) from None
+
+
+def memory_left() -> float:
+    """Bytes that the process may still take; infinite without a bound."""
+    most, _ = resource.getrlimit(resource.RLIMIT_DATA)
+    return float("inf") if most == resource.RLIM_INFINITY else most - data_bytes()
 
 
 def data_bytes() -> int:

@@ -4,6 +4,7 @@ import os
 import resource
 from pathlib import Path
 
+import click
 import numpy as np
 import pyarrow as pa
 import pytest
@@ -11,6 +12,7 @@ from click.testing import CliRunner
 from pyarrow import parquet
 
 from gateway.acquisition.wire_log import WireLogError, read_wire_log
+from gateway.cli.exits import Commands
 from gateway.cli.main import main
 from gateway.reporting.recordings.columns import Columns
 from gateway.reporting.recordings.grid import read_recording
@@ -42,8 +44,31 @@ def test_a_pipe_is_refused_at_once(command: tuple[str, ...], tmp_path: Path) -> 
     assert "eine Pipe oder ein Gerät, keine Datei" in done.output
 
 
+@pytest.mark.parametrize(
+    "error",
+    [
+        MemoryError(),
+        ImportError("x.so: failed to map segment from shared object"),
+        RuntimeError("can't start new thread"),
+    ],
+)
+def test_a_process_that_may_take_too_little_memory_says_so(error: Exception) -> None:
+    @click.group(cls=Commands)
+    def group() -> None:
+        """Has one command."""
+
+    @group.command()
+    def one() -> None:
+        raise error
+
+    done = CliRunner().invoke(group, ["one"], env={"LANG": "de_DE"})
+    assert done.exit_code == 3
+    assert "zu wenig Speicher" in done.output
+    assert "Traceback" not in done.output
+
+
 def test_a_few_bytes_of_parquet_that_stand_for_gigabytes_are_refused(tmp_path: Path) -> None:
-    file, many = tmp_path / "machine.parquet", 10_000_000
+    file, many = tmp_path / "machine.parquet", 7_000_000
     column = pa.array(np.zeros(many))
     parquet.write_table(pa.table({"time": column, "bed": column, "EX0C": column}), file, compression="zstd")
     del column

@@ -12,6 +12,7 @@ from gateway.reporting.recordings.chunks import CHUNK_ROWS, Chunk, FileTable
 from gateway.reporting.recordings.layout import TextLayout
 from gateway.reporting.recordings.problems import FileProblems, RecordingError
 from gateway.reporting.recordings.text import TextTable
+from gateway.runtime.bounded_memory import memory_left
 
 if TYPE_CHECKING:
     import pyarrow
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 _PARQUET = b"PAR1"
 _SQLITE = b"SQLite format 3\0"
 _PLAIN = TextLayout()
+_CELL_BYTES = 8
 _PER_SECOND = {"s": 1, "ms": 1_000, "us": 1_000_000, "ns": 1_000_000_000}
 
 
@@ -50,6 +52,9 @@ class _Parquet:
             what = "Parquet needs pyarrow: install talc-gateway with the extra `parquet`, or save the table as CSV"
             raise RecordingError(path, [Problem("", what)]) from None
         try:
+            stated = parquet.read_metadata(path)
+            if stated.num_rows * stated.num_columns * _CELL_BYTES > memory_left():
+                raise MemoryError
             self._table: pyarrow.Table = parquet.read_table(path, use_threads=False, pre_buffer=False)
             self.head: list[str] = self._table.column_names
         except MemoryError:  # Arrow's is one of its own errors, too
