@@ -13,7 +13,7 @@ import tempfile
 import time
 import traceback
 from collections.abc import Callable, Mapping
-from contextlib import redirect_stderr, redirect_stdout
+from contextlib import redirect_stderr, redirect_stdout, suppress
 from io import StringIO
 from pathlib import Path
 from typing import NamedTuple
@@ -201,21 +201,25 @@ def peak(command: Callable[[Path], None], file: Path) -> Peak:
 @click.option("--files", "many", default=10_000, show_default=True, help="In all.")
 @click.option("--seed", default=0, show_default=True)
 def main(kinds: tuple[str, ...], many: int, seed: int) -> None:
-    """Exit code 1: a command took more than 300 MB or 10 s, or raised what it should not."""
+    """Ctrl-C ends it with what is known by then.
+
+    Exit code 1: a command took more than 300 MB or 10 s, or raised what it should not.
+    """
     wanted = kinds or tuple(FILES)
     worst: dict[tuple[str, str], list[float]] = {}
     wrong = 0
-    for number in range(seed, seed + many):
-        kind = wanted[number % len(wanted)]
-        make, runs = FILES[kind]
-        for name, command in runs:
-            with tempfile.TemporaryDirectory() as folder:
-                found = peak(command, made(make, number, Path(folder)))
-            row = worst.setdefault((kind, name), [0, 0.0, 0.0])
-            row[:] = [row[0] + 1, max(row[1], found.mb), max(row[2], found.seconds)]
-            if found.said or found.mb > MOST_MB or found.seconds > MOST_S:
-                wrong += 1
-                click.echo(f"{kind}, {name}, --seed {number} --files 1: {found}")
+    with suppress(KeyboardInterrupt):
+        for number in range(seed, seed + many):
+            kind = wanted[number % len(wanted)]
+            make, runs = FILES[kind]
+            for name, command in runs:
+                with tempfile.TemporaryDirectory() as folder:
+                    found = peak(command, made(make, number, Path(folder)))
+                row = worst.setdefault((kind, name), [0, 0.0, 0.0])
+                row[:] = [row[0] + 1, max(row[1], found.mb), max(row[2], found.seconds)]
+                if found.said or found.mb > MOST_MB or found.seconds > MOST_S:
+                    wrong += 1
+                    click.echo(f"{kind}, {name}, --seed {number} --files 1: {found}")
     for (kind, name), (files, mb, seconds) in worst.items():
         click.echo(f"{kind:<10}{name:<8}{files:>7} files, at most {mb:.0f} MB and {seconds:.1f} s")
     sys.exit(1 if wrong else 0)
