@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from talc.frame import BoolArray, FloatArray
 from talc.names import ERROR_UNITS, MICROMETRE, THERMAL_ERRORS
@@ -78,7 +77,8 @@ def _calibration(settings: Sequence[ControlSettings]) -> int:
 class _Moments:
     """Sums over the measured rows of S settings: x x', x y', y²; with the output before a row, z: x z', z², z y.
 
-    x: (p,) 1, inputs, and their change since the row before. Errors are independent.
+    x: (p,) 1, inputs, and their change since the row before. z is measured, or what was estimated at the time. Errors
+    are independent.
     """
 
     def __init__(self, settings: int, p: int, errors: int) -> None:
@@ -88,11 +88,12 @@ class _Moments:
         self.yy, self.zz, self.zy = np.zeros((3, settings, errors))
 
     def add(self, of: BoolArray, x: FloatArray, y: FloatArray, z: FloatArray) -> None:
-        """A row, the same for all settings in `of`: (S,). x: (p,); y, z: (E,)."""
+        """A row, the same for all settings in `of`: (S,). x: (p,); y: (E,); z: (S, E)."""
+        z = z[of]
         self.n[of] += 1
         self.xx[of] += np.outer(x, x)
         self.xy[of] += np.outer(x, y)
-        self.xz[of] += np.outer(x, z)
+        self.xz[of] += x[:, None] * z[:, None, :]
         self.yy[of] += y**2
         self.zz[of] += z**2
         self.zy[of] += z * y
@@ -124,8 +125,7 @@ class _Together:
         self._phase = np.full(many, _CALIBRATION)
         self._in_phase, self._last = np.zeros((2, many), dtype=np.int64)
         p = self._x.shape[1]
-        # All measured rows; of them, those after a measured one. z is then a measurement.
-        self._rows, self._pairs = _Moments(many, p, errors), _Moments(many, p, errors)
+        self._moments = _Moments(many, p, errors)
         self._lowest, self._highest = np.full((many, errors), np.inf), np.full((many, errors), -np.inf)
         self._held = np.full((many, errors), np.nan)
         # The models: coefficients of x and of the output before, and bounds.
@@ -182,9 +182,8 @@ class _Together:
         """A row into the moments."""
         y = self._y[k]
         if k:
-            before = self._y[k - 1]
-            self._rows.add(measured, self._x[k], y, np.zeros_like(y))
-            self._pairs.add(measured & self.used[:, k - 1], self._x[k], y, before)
+            before = np.where(self.used[:, k - 1, None], self._y[k - 1], self.estimate[:, k - 1])
+            self._moments.add(measured, self._x[k], y, before)
         self.used[:, k] = measured
         self._last[measured], self._held[measured] = k, y
         self._lowest[measured] = np.minimum(self._lowest[measured], y)
@@ -192,38 +191,7 @@ class _Together:
 
     def _train(self, k: int, s: NDArray[np.intp]) -> None:
         """New models for settings s: (B,), from the rows up to k, in which all of them measured."""
-        pairs = self._pairs.of(s)
-        theta, past = self._fit(pairs)
-        alone = self._rows.n[s] > pairs.n
-        if alone.any():
-            at = np.flatnonzero(alone)
-            rows = self._rows.of(s[at])
-            stable = np.abs(past[at]) < self._max_pole
-            for i, one in enumerate(s[at]):
-                self._complete(rows, i, k, one, theta[at[i]], past[at[i]])
-            rows.xz += pairs.xz[at]
-            rows.zz += pairs.zz[at]
-            rows.zy += pairs.zy[at]
-            again, again_past = self._fit(rows)
-            theta[at] = np.where(stable[..., None], again, theta[at])
-            past[at] = np.where(stable, again_past, past[at])
-        self._adopt(k, s, theta, past)
-
-    def _complete(self, rows: _Moments, i: int, k: int, s: int, theta: FloatArray, past: FloatArray) -> None:
-        """Adds the measured rows after an unmeasured one, whose output is as a first model estimates it (Z22 eq. 2)."""
-        used = np.flatnonzero(self.used[s, : k + 1])
-        gap = np.flatnonzero(np.diff(used) > 1)
-        since, at = used[gap], used[gap + 1]
-        ahead = at - 1 - since
-        x, y = self._x[at], self._y[at]
-        drive = self._x[: k + 1] @ theta.T
-        z = np.empty_like(y)
-        for e, pole in enumerate(past.tolist()):
-            free = lfilter([1.0], [1.0, -pole], drive[:, e])
-            z[:, e] = free[at - 1] + pole**ahead * (self._y[since, e] - free[since])
-        rows.xz[i] += x.T @ z
-        rows.zz[i] += (z**2).sum(axis=0)
-        rows.zy[i] += (z * y).sum(axis=0)
+        self._adopt(k, s, *self._fit(self._moments.of(s)))
 
     def _fit(self, m: _Moments) -> tuple[FloatArray, FloatArray]:
         """Coefficients (B, E, p) of x and (B, E) of z, with the orders of least BIC."""

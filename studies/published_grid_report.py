@@ -37,18 +37,12 @@ interval, 8 to 96 h and 192 h, is varied with the common set: models are then al
 _NAMES = ("SMAPE", "RMSE", "PV", "P99", "Pd")
 _FEW = 1.1
 """A factor of at most this is no change."""
-_FACTORS = 1.5
-"""Largest factor by which a common set's P99 may differ from the paper's and still be called near."""
 Point = Mapping[str, Any]
 Points = Mapping[str, list[Point]]
 _SIZES = "our errors are larger, and further from zero"
-_ALONE = "models that are fitted to lone, noisy measurements get worse; see the claims"
-_UNSEEN = "without probing noise too: three temperatures of orders up to 1 do not follow these loads"
 WHY = {
-    "Table 2": "few, late measurements win here: they leave the calibration's models as they are",
-    "Table 3": _ALONE,
-    "Table 3, C": _UNSEEN,
-    "Table 3, D": _UNSEEN,
+    "Table 2": "many sets are below 5 µm, and Pd decides: few measurements, and short no-good phases",
+    "Table 3": "another machine and other loads",
     **{f"Table 3, {case}, {name}": _SIZES for case in "ABCD" for name in ("SMAPE", "PV")},
 }
 
@@ -220,7 +214,7 @@ def _decisive(finite: Points) -> Claim:
         f"median P99 changes by a factor of {length:.2f} along the calibration; along the "
         + ", ".join(f"{AXES[a].partition(',')[0]} {v:.2f}" for a, v in others.items()),
         length < max(others.values()),
-        "A long calibration is the only time in which many rows are measured one after the other.",
+        "A longer calibration sees more of the loads, and the indicators leave it out.",
     )
 
 
@@ -233,7 +227,6 @@ def _common_claims(runs: list[Run], points: Points) -> tuple[Claim, ...]:
         return ()
     quiet = {case: _number(p["P99"]) for case, p in exact.items()}
     together = {case: _number(p["P99 together"]) for case, p in common.items()}
-    near = sum(v <= _FACTORS * B19_TABLE_3[case][3] for case, v in quiet.items())
     pv = {case: _number(p["PV"]) for case, p in common.items()}
     return (
         Claim(
@@ -241,10 +234,9 @@ def _common_claims(runs: list[Run], points: Points) -> tuple[Claim, ...]:
             "4.46 to 5.29 µm, below 5 on three of four load cases (Table 3)",
             f"{_list(p99)} µm ({', '.join(p99)}): below 5 µm on {kept} of {len(p99)}",
             kept >= min(3, len(p99)) > 0,
-            "Later measurements stand alone, each with its noise; models that are fitted to them get worse where the "
-            f"load changes slowly (A, B). Without probing noise P99 is {_list(quiet)} µm, within a factor of "
-            f"{_FACTORS:g} of the paper's on {near} of {len(quiet)}. P99 is the mean of the linear "
-            f"errors' own ones; of their mean magnitude it is {_list(together)} µm.",
+            "Between lone measurements, models are trained on what they estimated at the time. Without probing noise "
+            f"P99 is {_list(quiet)} µm. It is the mean of the linear errors' own ones; of their mean magnitude it is "
+            f"{_list(together)} µm.",
         ),
         Claim(
             "The largest residual is at most 71 % of the largest error",
@@ -269,8 +261,7 @@ def _best_claim(points: Points) -> Claim:
             for case, p in found.items()
         ),
         short >= 3,
-        "Pd counts the calibration, so that a short one is always ahead; here one of them is good enough by chance, "
-        "and the fewest later measurements leave its models as they are.",
+        "Pd counts the calibration, so that a short one is ahead wherever one is good enough.",
     )
 
 
@@ -286,7 +277,7 @@ def _time_claim(updated: Points) -> Claim:
         + ", ".join(f"{np.mean(_first_third(d)):.2f} to {np.mean(_last_third(d)):.2f}" for d in last)
         + f" ({', '.join(updated)}); least RMSE with an update each {', '.join(f'{h:g}' for h in every)} h",
         late < first / _FEW,
-        "More rows, but most of them lone measurements with their noise.",
+        "Each no-good phase adds rows of a load that was new.",
     )
 
 

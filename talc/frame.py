@@ -123,7 +123,7 @@ class TrainingJob:
     static_inputs: tuple[tuple[str, ...] | None, ...] | None = None
     """Inputs to keep, one tuple per thermal error, None where none were chosen yet; None: choose for all."""
     estimated: FloatArray | None = None
-    """(T, 9) what the models of that time estimated in rows before a measurement; NaN: none did, or not needed."""
+    """(T, 9) what was estimated at the time in rows before a measurement; NaN: there was no model, or not needed."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -60,8 +60,8 @@ class TrainingSettings:
     @property
     def keeps_estimates(self) -> bool:
         """Whether outputs that were not measured are those that the live models estimated: of ARX models that keep
-        their inputs, unless they are fitted as printed."""
-        return self.selector != "search" and self.static_inputs and self.estimator != "least_squares"
+        their inputs."""
+        return self.selector != "search" and self.static_inputs
 
     def __post_init__(self) -> None:
         highest = 3 if self.selector == "search" else 5

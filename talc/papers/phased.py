@@ -63,7 +63,7 @@ class PhasedModels(Strategy):
     corrected by its last measurement once other models are live.
 
     For ARX models that keep their inputs, what was estimated just before a measurement is kept for the trainings, which
-    take it for an output that was not measured (Z22 eq. 2).
+    take it for an output that was not measured (Z22 eq. 2); of an error without a model, its last measurement.
 
     Parameters
     ----------
@@ -235,7 +235,7 @@ class PhasedModels(Strategy):
         if not reach:
             return
         if np.isfinite(predicted).any():
-            self._estimates[k] = predicted.copy()
+            self._estimates[k] = np.where(np.isfinite(predicted), predicted, self._held)
         if not np.isfinite(self._record.measured[-reach:]).any():
             self._estimates.pop(k - reach, None)  # no measured row is within its reach
 

@@ -175,9 +175,9 @@ def _with_past(
     """The rows with unmeasured outputs as a first model estimates them, so that every measured row counts.
 
     Z22 eq. 2 and 5: an unmeasured past output is the model's own prediction; the weights stand on the measured rows.
-    The first model is on the rows whose earlier outputs were measured: a short swarm's, or of the inputs that are kept.
-    Where every second step is measured, as in B19's no-good phase, those are the calibration's alone, and days later
-    such a model is far off: estimates that were made at the time, if there are any, are taken instead.
+    Estimates that were made at the time, if there are any, are taken; otherwise a first model's, on the rows whose
+    earlier outputs were measured: a short swarm's, or of the inputs that are kept. Where every second step is measured,
+    as in B19's no-good phase, those rows are the calibration's alone, and days later such a model is far off.
     """
     if np.isfinite(window.past[np.isnan(window.y)]).any():
         return window

@@ -93,8 +93,10 @@ def series(rows: int, errors: tuple[str, ...] = SEVEN) -> Days:
     return Days(("a", "b", "c"), inputs, truth, measured, np.ones(9))
 
 
-def test_settings_that_run_together_are_each_the_control_alone() -> None:
+@pytest.mark.parametrize("max_pole", [TRAINING.max_pole, 0.7])
+def test_settings_that_run_together_are_each_the_control_alone(max_pole: float) -> None:
     here, calibration = series(420), 60
+    training = replace(TRAINING, max_pole=max_pole)
     chosen = [
         ControlSettings(
             calibration_steps=calibration,
@@ -107,13 +109,13 @@ def test_settings_that_run_together_are_each_the_control_alone() -> None:
         )
         for interval, apart, count in ((12, 1, 6), (24, 2, 12), (60, 4, 3), (420, 1, 6))
     ]
-    together = run_together(here.inputs, here.measured, chosen, TRAINING.max_pole)
+    together = run_together(here.inputs, here.measured, chosen, max_pole)
     for settings, estimate, used, updates in zip(
         chosen, together.estimate, together.used, together.updates, strict=True
     ):
         alone = control(
             here,
-            TalcSettings(method="models", control=settings, training=TRAINING),
+            TalcSettings(method="models", control=settings, training=training),
             lambda job: train(replace(job, static_inputs=(here.names,) * 9)),
         )
         np.testing.assert_array_equal(used, alone.used)

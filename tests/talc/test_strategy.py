@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -87,9 +88,14 @@ def kept(controller: Controller, frames: list[Frame]) -> ControllerState:
     return from_plain(*to_plain(controller.state()), stored)
 
 
-@pytest.mark.parametrize("restart", [False, True])
-def test_an_output_that_was_not_measured_is_trained_on_as_it_was_estimated(restart: bool) -> None:
-    training = TrainingSettings(selector="tck", max_na=2, static_inputs=True)
+@pytest.mark.parametrize(
+    ("selector", "estimator", "restart"),
+    [("tck", "guarded", False), ("tck", "guarded", True), ("tck", "least_squares", False), ("pso", "refined", False)],
+)
+def test_an_output_that_was_not_measured_is_trained_on_as_it_was_estimated(
+    selector: Literal["tck", "pso"], estimator: Literal["guarded", "least_squares", "refined"], restart: bool
+) -> None:
+    training = TrainingSettings(selector=selector, estimator=estimator, max_na=2, static_inputs=True)
     chosen = replace(settings("models"), training=training, control=replace(CONTROL, no_good_measurements=3))
     controller, frames = Controller(INPUTS, chosen), [frame for frame in day(80) if frame.k not in (46, 47)]
     estimated, last = np.full((80, 9), np.nan), None

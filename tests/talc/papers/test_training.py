@@ -1,6 +1,7 @@
 """Training finds what made the record, predicts unseen rows, and never returns an unusable model."""
 
 from concurrent.futures import ThreadPoolExecutor
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -246,11 +247,14 @@ def test_measurements_here_and_there_after_a_dense_stretch_count_for_arx_models(
     assert np.exp(np.log(ratios).mean()) < 0.95
 
 
-def test_rows_two_steps_apart_are_fitted_to_what_was_estimated_between_them() -> None:
+@pytest.mark.parametrize("estimator", ["guarded", "least_squares"])
+def test_rows_two_steps_apart_are_fitted_to_what_was_estimated_between_them(
+    estimator: Literal["guarded", "least_squares"],
+) -> None:
     """As in B19's no-good phase. Least squares on the same rows, written out, agree."""
     s = series(300, seed=4)
     s.measured[120:][::2] = np.nan
-    settings = TrainingSettings(selector="tck", max_na=1, max_nb=0, static_inputs=True)
+    settings = TrainingSettings(selector="tck", estimator=estimator, max_na=1, max_nb=0, static_inputs=True)
     keep = tuple((name,) for name in s.names[:9])
     estimated = np.where(np.isfinite(s.measured), np.nan, s.truth + 0.3)
     with_estimates = train(job(s, settings=settings, static_inputs=keep, estimated=estimated)).models
