@@ -49,6 +49,7 @@ from gateway.commissioning.scan.unknown import next_command, with_profiles
 from gateway.config.file import draft
 from gateway.config.reading import read_text
 from gateway.runtime.terminal import terminal
+from gateway.runtime.whole_file import write_whole
 from gateway.runtime.written import whole_numbers
 
 _AGENT_TIMEOUT_S = 5.0
@@ -95,7 +96,7 @@ def init(path: Path, answers_file: Path | None, limit_s: float) -> bool:
     places = with_profiles(places, given.profiles)
     items = _described(given.control) if isinstance(given.control, MtConnectAnswers) else None
     text = first_configuration(given, places, path, items, existing)
-    path.write_text(text, encoding="utf-8")
+    write_whole(path, text)
     return _told(path, text, places)
 
 

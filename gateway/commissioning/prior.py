@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -13,6 +12,7 @@ import numpy as np
 
 from gateway.control.restart.rebuild import Rebuilt, rebuilt, start_of
 from gateway.runtime.extras import need_extra
+from gateway.runtime.whole_file import write_whole
 from gateway.storage.configurations import stored_config
 from gateway.storage.faults import StoreError
 from gateway.storage.history import History
@@ -58,13 +58,7 @@ def make(given: Sequence[Path | str], kind: str | None, output: Path, password_f
         prior = make_prior(learnt)
     except ValueError as error:
         raise StoreError(f"{', '.join(map(str, given))}: {error}; let the gateways measure longer") from None
-    part = output.with_name(output.name + ".part")
-    try:
-        part.write_text(json.dumps(prior.to_dict(), separators=(",", ":")) + "\n", encoding="utf-8")
-        part.replace(output)
-    finally:
-        with suppress(OSError):
-            part.unlink(missing_ok=True)
+    write_whole(output, json.dumps(prior.to_dict(), separators=(",", ":")) + "\n")
     told = ", ".join(
         f"{name} from {int(many)}" for name, many in zip(THERMAL_ERRORS, prior.machines, strict=True) if many
     )

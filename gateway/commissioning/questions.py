@@ -24,6 +24,7 @@ from gateway.commissioning.scan.first import (
 from gateway.commissioning.scan.found import Found, Place
 from gateway.commissioning.scan.ports import ScanPort
 from gateway.commissioning.scan.unknown import key_of, own_profile
+from gateway.runtime.whole_file import write_whole
 
 _CONTROLS: Final[Mapping[str, tuple[type[ControlAnswers], Mapping[str, str]]]] = {
     "sinumerik": (
@@ -49,7 +50,7 @@ _NONE = "none"
 
 def keep(path: Path, answers: Answers) -> None:
     """Write the answers to a file that `init` proposes them from when it is run again."""
-    path.write_text(answers_text(answers), encoding="utf-8")
+    write_whole(path, answers_text(answers))
 
 
 def asked(ports: list[ScanPort], earlier: Answers | None, kept: Path) -> Answers:

@@ -27,6 +27,7 @@ from gateway.model.text import Text
 from gateway.runtime.bounded_memory import memory_for
 from gateway.runtime.signals import stop_on_signals
 from gateway.runtime.terminal import terminal
+from gateway.runtime.whole_file import write_whole
 from simulators.devices import (
     EXTENDED,
     Passed,
@@ -228,9 +229,7 @@ def _ready(config: GatewayConfig | None, played: Sequence[Played], folder: Path)
         return "to read it:\n" + "\n".join(sections)
     file = folder / "gateway.toml"
     places = {bus.name: _nowhere(bus, folder) for bus in config.buses} | {one.bus: one.place for one in played}
-    part = file.with_name(file.name + ".part")
-    part.write_text(wires_toml(config, places), encoding="utf-8")
-    part.replace(file)  # whole whenever it is there: scripts wait for it
+    write_whole(file, wires_toml(config, places))  # whole whenever it is there: scripts wait for it
     return f"ready: talc-gateway probe {file}; Ctrl-C stops"
 
 

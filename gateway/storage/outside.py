@@ -1,10 +1,10 @@
 """What was learnt, beside the database: two generations, each with its checksum, for when the database has lost it."""
 
-import os
 from contextlib import suppress
 from pathlib import Path
 
 from drivers.bounded_file import bytes_of
+from gateway.runtime.whole_file import write_whole
 from gateway.storage.learnt import Learnt, learnt_text, parse_learnt
 
 _MOST_BYTES = 2**27
@@ -21,14 +21,7 @@ def write_outside(database: Path, learnt: Learnt) -> None:
     Raises OSError.
     """
     newer, older = generations(database)
-    part = newer.with_name(newer.name + ".part")
-    with part.open("w", encoding="utf-8") as file:
-        file.write(learnt_text(learnt))
-        file.flush()
-        os.fsync(file.fileno())
-    with suppress(FileNotFoundError):
-        newer.replace(older)
-    part.replace(newer)
+    write_whole(newer, learnt_text(learnt), before=older)
 
 
 def newest_outside(database: Path) -> tuple[str, Learnt] | None:

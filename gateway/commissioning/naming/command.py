@@ -4,8 +4,8 @@ import asyncio
 import os
 import sys
 from collections import deque
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from getpass import getuser
 from pathlib import Path
 from threading import Thread
@@ -21,13 +21,16 @@ from gateway.commissioning.naming.names import Given, Listed, Names, changes, wr
 from gateway.commissioning.naming.renamed import confirmed, renamed
 from gateway.commissioning.naming.warmed import Track, Warmed, warmed
 from gateway.config.model import GatewayConfig
+from gateway.config.problems import ConfigError, Problem
 from gateway.config.reading import read_text
+from gateway.model.codes import NoticeCode
 from gateway.model.notice import Notice
 from gateway.model.sample import Sample
-from gateway.model.text import Language
+from gateway.model.text import Language, Text
 from gateway.runtime.clocks import RealClock
 from gateway.runtime.signals import stop_on_signals, until
 from gateway.runtime.terminal import terminal
+from gateway.runtime.whole_file import write_whole
 
 _EVERY_S: Final = 0.2
 _KEPT: Final = 600
@@ -66,13 +69,30 @@ def name_channels(path: Path, config: GatewayConfig, listed: Sequence[Listed], b
         text = renamed(read_text(path), changes(given, back=back), path)
         if not any(each.device == given.input.device for each in names.left):
             text = confirmed(text, given.input.device)
-        ends = "\r\n" if b"\r\n" in path.read_bytes() else "\n"
-        path.write_text(text, encoding="utf-8", newline=ends)
-        written(protocol, RealClock().utc(), by or _user(), given, seen, back=back)
+        earlier = path.read_bytes()
+        with _written(path):
+            write_whole(path, text.replace("\n", "\r\n") if b"\r\n" in earlier else text)
+        try:
+            with _written(protocol):
+                written(protocol, RealClock().utc(), by or _user(), given, seen, back=back)
+        except ConfigError:
+            with _written(path):
+                write_whole(path, earlier)
+            raise
 
     asyncio.run(_session(config, names, said, keep))
     click.echo(said("naming.done", n=len(names.given), left=len(names.left), file=str(path), protocol=str(protocol)))
     return not names.left
+
+
+@contextmanager
+def _written(path: Path) -> Iterator[None]:
+    """Raises ConfigError instead of OSError."""
+    try:
+        yield
+    except OSError as error:
+        what = Text(NoticeCode.FILE_NOT_WRITTEN, error=error.strerror or str(error))
+        raise ConfigError(path, [Problem("", what)]) from None
 
 
 def _user() -> str:

@@ -127,8 +127,14 @@ class Dialogue:
         last = self.names.undo()
         if last is None:
             self._say(self._said("naming.nothing_given"))
-        else:
+            self._next()
+            return
+        try:
             self._keep(last, None, True)
+        except ConfigError as error:
+            self.names.give(last.input, last.name, last.how)
+            self._say(self._said.of(error.text))
+        else:
             self._say(self._said("naming.undone", device=last.input.device, number=last.input.number, name=last.name))
         self._next()
 

@@ -23,6 +23,7 @@ from gateway.model.codes import NoticeCode
 from gateway.model.text import Text
 from gateway.runtime.signals import stop_on_signals
 from gateway.runtime.terminal import duration_text, terminal
+from gateway.runtime.whole_file import write_whole
 
 ScanRun = Callable[[ScanProgress, Stopped, bool], Awaitable[ScanReport]]
 """A scan; the argument says whether a report's question was answered with yes."""
@@ -167,7 +168,7 @@ def _write(path: Path, report: ScanReport, yes: bool) -> None:
         click.echo(f"{path} stays as it is. A configuration of what was found:\n", err=True)
         click.echo(merged("", report.places, Path("found.toml")), nl=False)
         return
-    path.write_text(text, encoding="utf-8")
+    write_whole(path, text)
     click.echo(
         f"{path} {'extended' if existing else 'written'}: name the channels, then talc-gateway probe {path}", err=True
     )

@@ -1,7 +1,6 @@
 """`talc-gateway db export-learnt` and `import-learnt`: what was learnt, to a file and into another database."""
 
 from collections.abc import Iterator
-from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from drivers.error_words import in_words
 from gateway.config.model import GatewayConfig
 from gateway.control.restart.earlier import past_of
 from gateway.control.restart.rebuild import continued
+from gateway.runtime.whole_file import write_whole
 from gateway.storage.answers import answered
 from gateway.storage.configurations import stored_config
 from gateway.storage.faults import StoreError
@@ -36,13 +36,7 @@ def export_learnt(database: Path, output: Path) -> str:
     if first is not None and first.centres_mm is not None and first.errors is not None:
         reference = Reference(first.ended, first.centres_mm, first.in_force_um, first.errors)
     learnt = Learnt(config.machine.name, config.talc.method, config.grid.step_s, state, reference)
-    part = output.with_name(output.name + ".part")
-    try:
-        part.write_text(learnt_text(learnt), encoding="utf-8")
-        part.replace(output)
-    finally:
-        with suppress(OSError):
-            part.unlink(missing_ok=True)
+    write_whole(output, learnt_text(learnt))
     return f"{output}: {output.stat().st_size / _MB:.1f} MB; {learnt.machine}, {'; '.join(_contents(learnt))}"
 
 

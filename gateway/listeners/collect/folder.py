@@ -25,9 +25,9 @@ from gateway.listeners.collect.progress import (
     checked_machine,
     load_progress,
     save_progress,
-    sync_folder,
 )
 from gateway.listeners.collect.tables import by_day
+from gateway.runtime.whole_file import sync_folder
 
 log = logging.getLogger(__name__)
 

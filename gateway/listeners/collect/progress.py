@@ -1,12 +1,12 @@
 """The progress of collecting a machine, as a file: it changes as a whole, and a batch of rows counts from then on."""
 
-import os
 from collections.abc import Mapping
 from pathlib import Path
 
 import msgspec
 from msgspec import Struct
 
+from gateway.runtime.whole_file import write_whole
 from gateway.telemetry import keys
 
 _MOST_EPOCHS = 100
@@ -68,19 +68,4 @@ def load_progress(path: Path) -> CollectProgress:
 
 def save_progress(path: Path, progress: CollectProgress) -> None:
     """Exchange the file; when this returns it is on the disk. Raises OSError."""
-    part = path.with_name(path.name + ".part")
-    with part.open("wb") as file:
-        file.write(msgspec.json.encode(progress))
-        file.flush()
-        os.fsync(file.fileno())
-    part.replace(path)
-    sync_folder(path.parent)
-
-
-def sync_folder(folder: Path) -> None:
-    """Make the names in a folder durable. Raises OSError."""
-    number = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(number)
-    finally:
-        os.close(number)
+    write_whole(path, msgspec.json.encode(progress))
