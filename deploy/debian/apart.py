@@ -50,11 +50,11 @@ def main(site: Path, other: Path) -> None:
         tops[name in kept] |= {file.parts[0] for file in each.files or () if file.parts[0] not in ("..", "bin")}
     if both := tops[True] & tops[False] - {"__pycache__"}:
         raise SystemExit(f"{site}: {', '.join(sorted(both))} belongs to both packages")
+    scripts = {file.name for name, each in installed.items() if name not in kept for file in each.files or ()
+               if file.parts[0] in ("..", "bin")}  # fmt: skip
     other.mkdir(parents=True)
     for top in tops[False] - {"__pycache__"}:
         (site / top).rename(other / top)
-    scripts = {file.name for name, each in installed.items() if name not in kept for file in each.files or ()
-               if file.parts[0] in ("..", "bin")}  # fmt: skip
     for script in scripts:  # such as fonttools: nobody calls them
         (site.parents[2] / "bin" / script).unlink(missing_ok=True)
 

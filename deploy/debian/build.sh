@@ -67,10 +67,16 @@ fi
 grep -rlIF "$root" "$root$home/bin" "$root$home/pyvenv.cfg" | xargs -r sed -i "s#$root##g"
 find "$root$home" -name direct_url.json -delete
 # What nobody runs there: the libraries' own tests, what compilers and type checkers read, tools to build packages (osqp
-# names setuptools, for code that it generates), and symbols. `strip` spoils what patchelf has given a path to libraries.
+# names setuptools, for code that it generates), rich's highlighting and Markdown, and symbols. `strip` spoils what
+# patchelf has given a path to libraries.
 find "$site" -depth -type d \( -name tests -o -name test \) -exec rm -r {} +
 find "$site" -type f \( -name '*.pyi' -o -name '*.py[xd]' -o -name '*.a' -o -name '*.[ch]' -o -name '*.[ch]pp' \) -delete
 rm -r "$site"/{setuptools,setuptools-*.dist-info,_distutils_hack,distutils-precedence.pth}
+rm -r "$site"/{pygments,markdown_it,mdurl} "$site"/{pygments,markdown_it_py,mdurl}-*.dist-info
+rm "$root$home"/bin/{pygmentize,markdown-it}
+for each in "$site"/scipy.libs/*; do  # both wheels bring the same ones
+    ! cmp --quiet "$each" "$site/numpy.libs/${each##*/}" || ln -sf "../numpy.libs/${each##*/}" "$each"
+done
 find "$site" -name '*.so' -not -path '*.libs/*' | while read -r each; do
     readelf -d "$each" | grep -Eq 'RPATH|RUNPATH' || "$strip" --strip-unneeded "$each"
 done
