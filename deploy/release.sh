@@ -15,6 +15,7 @@ output=$(realpath -m "${1:-dist/$version}")
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 export PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_ROOT_USER_ACTION=ignore
+export ZIG_GLOBAL_CACHE_DIR="${ZIG_GLOBAL_CACHE_DIR:-$work/zig}"  # its C++ library is compiled once for both Pythons
 mkdir -p "$output" "$work/log"
 rows=() failed=0
 
@@ -77,6 +78,7 @@ if command -v aarch64-linux-gnu-g++ >/dev/null; then
 else
     without "Debian packages for arm64" "no g++-aarch64-linux-gnu"
 fi
+without "installing what is for $([ "$(uname -m)" = aarch64 ] && echo x86-64 || echo aarch64)" "another kind of computer"
 bill() { dpkg-deb --fsys-tarfile "$output"/talc-gateway_*_"$(dpkg --print-architecture)".deb |
     tar -xO ./usr/share/doc/talc-gateway/sbom.cdx.json >"$output/talc-gateway-$version.cdx.json"; }
 step "list of components" bill

@@ -72,7 +72,16 @@ def _ask(data: dict[str, Any], ports: list[ScanPort]) -> None:
     name = data.get("machine", host)
     data["machine"] = click.prompt("Name of the machine", default=name, value_proc=_valid("machine"))
     first = not any(data.get(kind) for kind in _WIRES)
-    for port in ports:
+    listed = {port.name for port in ports}
+    others = click.prompt(
+        "Other serial ports, by their path, with blanks between" if listed else
+        "Serial ports (none was found): their paths, with blanks between",
+        default=" ".join(name for kind in ("serial", "slcan") for name in data.get(kind, ()) if name not in listed),
+        value_proc=lambda text: _valid("serial")(text.split()),
+    )  # fmt: skip
+    for kind in ("serial", "slcan"):
+        data[kind] = [name for name in data.get(kind, ()) if name in listed or name in others]
+    for port in (*ports, *(ScanPort("serial", name, "as given") for name in others)):
         kinds = ["serial", "slcan"] if port.command == "serial" else [port.command]
         before = [kind for kind in kinds if port.name in data.get(kind, ())]
         default = before[0] if before else kinds[-1 if "can" in port.name.lower() else 0] if first else "no"

@@ -198,7 +198,11 @@ async def _until_interrupted(device: str, scenario: Scenario, unit: int) -> None
     stop = asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         asyncio.get_running_loop().add_signal_handler(number, stop.set)
-    await emulate(device, scenario, unit, lambda settings: print(settings, flush=True), stop)
+    await emulate(device, scenario, unit, lambda settings: print(_section(settings), flush=True), stop)
+
+
+def _section(settings: str) -> str:
+    return "\n".join(("[[bus]]", 'name = "bus1"', *settings.split(", ")))
 
 
 def main() -> None:

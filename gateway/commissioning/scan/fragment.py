@@ -184,7 +184,7 @@ def _unknown(place: Place, device: Found, bus_lines: Sequence[str], bus: str, na
     lines = [device.what.evidence]
     if command := next_command(place, device):
         lines += [f"next: {command}"]
-    lines += [f"then `talc-gateway init` again with that profile, or uncomment ({CONFIRM}: which device this is):"]
+    lines += [f"then `talc-gateway init` again with that profile, or uncomment. {CONFIRM}: which device this is"]
     lines += [
         *bus_lines,
         "[[device]]",

@@ -120,7 +120,7 @@ def init(*arguments: str, typed: str = "") -> Result:
 def test_typed_answers_make_a_configuration_that_check_accepts(tmp_path: Path) -> None:
     file = tmp_path / "gateway.toml"
     with answering(module()) as port:
-        done = init(str(file), typed=f"mill 7\nmill_7\n127.0.0.1:{port}\n\nsinumerik\n\n\n\n")
+        done = init(str(file), typed=f"mill 7\nmill_7\n\n127.0.0.1:{port}\n\nsinumerik\n\n\n\n")
     assert done.exit_code == 0, done.output
     assert "expected a letter, then letters, digits" in done.output, "and asked again"
     assert "1 answered, 1 recognised" in done.output
@@ -185,7 +185,7 @@ def test_an_mtconnect_agent_is_asked_for_its_data_items_and_probe_reads_them(tmp
     with answering(module()) as port, mtconnect_agent(tmp_path) as (agent, url):
         for item in ("Xpos", "Ypos", "Zpos", "Apos", "Cpos", "Srpm", "Xfrt", "Cfrt"):
             agent.push_data(item, 12.5)
-        done = init(str(file), typed=f"mill\n127.0.0.1:{port}\n\nmtconnect\n{url}\n\n")
+        done = init(str(file), typed=f"mill\n\n127.0.0.1:{port}\n\nmtconnect\n{url}\n\n")
         assert done.exit_code == 0, done.output
         assert CliRunner().invoke(main, ["check", str(file)]).exit_code == 0
         probed = CliRunner().invoke(main, ["probe", str(file)])
@@ -203,7 +203,7 @@ def test_probe_reads_a_sinumerik_with_what_was_written_once_its_files_are_there(
     """Encrypted, with user and certificates; nothing of the written text is changed."""
     file = tmp_path / "gateway.toml"
     with answering(module()) as port, beside(encrypted_control(tmp_path)) as url:
-        done = init(str(file), typed=f"mill\n127.0.0.1:{port}\n\nsinumerik\n{url}\ntalc\n{tmp_path}\n")
+        done = init(str(file), typed=f"mill\n\n127.0.0.1:{port}\n\nsinumerik\n{url}\ntalc\n{tmp_path}\n")
         assert done.exit_code == 0, done.output
         checked, probed = run_on(file, "check"), run_on(file, "probe")
         (tmp_path / "nc-password").write_text("wrong\n", encoding="utf-8")
@@ -222,7 +222,7 @@ def test_probe_reads_an_agent_with_what_was_written_once_its_key_is_there(tmp_pa
     """Only the port differs from the usual one, which another program on this computer may use."""
     file = tmp_path / "gateway.toml"
     with answering(module()) as port, beside(served_agent(REFERENCE.Machine())) as agent:
-        done = init(str(file), typed=f"mill\n127.0.0.1:{port}\n\n{kind}\n127.0.0.1\n{agent.key_file(tmp_path)}\n")
+        done = init(str(file), typed=f"mill\n\n127.0.0.1:{port}\n\n{kind}\n127.0.0.1\n{agent.key_file(tmp_path)}\n")
         assert done.exit_code == 0, done.output
         text = file.read_text(encoding="utf-8").replace("\nkey_file", f"\nport = {agent.port}\nkey_file")
         file.write_text(text, encoding="utf-8")
@@ -266,7 +266,7 @@ def test_two_unknown_modules_become_devices_without_an_edit(tmp_path: Path) -> N
     """Each is written as comments with the command that drafts its profile, which init then asks for."""
     file = tmp_path / "gateway.toml"
     with answering(TcpHost({3: Holding(215, 220), 5: Holding(9, 8, 7), 9: Adam6015(lambda: SEVEN)})) as port:
-        typed = f"mill\n127.0.0.1:{port}\n3-9\nlinuxcnc\n\n\n"
+        typed = f"mill\n\n127.0.0.1:{port}\n3-9\nlinuxcnc\n\n\n"
         first = init(str(file), typed=typed + "\n\n")
         assert first.exit_code == 0, first.output
         assert [device.unit for device in load(file).devices] == [9]
@@ -283,7 +283,7 @@ def test_two_unknown_modules_become_devices_without_an_edit(tmp_path: Path) -> N
             words[-1] = str(tmp_path / words[-1])
             assert CliRunner().invoke(main, words).exit_code == 0
             drafts.append(words[-1])
-        again = init(str(file), typed="\n" * 6 + f"absent.toml\n{drafts[0]}\n{drafts[1]}\n")
+        again = init(str(file), typed="\n" * 7 + f"absent.toml\n{drafts[0]}\n{drafts[1]}\n")
         assert again.exit_code == 0, again.output
         assert "absent.toml" in again.output, "and asked again"
         config = load(file)
@@ -292,7 +292,7 @@ def test_two_unknown_modules_become_devices_without_an_edit(tmp_path: Path) -> N
         assert config.nc is not None
         assert "unknown" not in file.read_text(encoding="utf-8")
         settled = file.read_text(encoding="utf-8")
-        assert init(str(file), typed="\n" * 6).exit_code == 0
+        assert init(str(file), typed="\n" * 7).exit_code == 0
         assert file.read_text(encoding="utf-8") == settled
         assert "12 of" in CliRunner().invoke(main, ["probe", str(file)]).output
 
@@ -301,7 +301,7 @@ def test_a_node_on_a_serial_can_adapter_is_found(tmp_path: Path, monkeypatch: py
     file = tmp_path / "gateway.toml"
     with beside(adapter_with(Cia404Node(5, lambda: SEVEN[:2], inputs=2, vendor="esd", heartbeat_ms=20))) as port:
         monkeypatch.setattr(command, "find_ports", lambda: [ScanPort("serial", port, "an adapter")])
-        done = init(str(file), typed="mill\nslcan\n\nnone\n")
+        done = init(str(file), typed="mill\n\nslcan\n\nnone\n")
     assert done.exit_code == 0, done.output
     (bus,), (device,) = load(file).buses, load(file).devices
     assert (bus.kind, bus.model_dump()["interface"], device.profile) == ("canopen", "slcan", "cia404")
@@ -309,7 +309,7 @@ def test_a_node_on_a_serial_can_adapter_is_found(tmp_path: Path, monkeypatch: py
 
 def test_answers_before_the_input_ended_are_proposed_again(tmp_path: Path) -> None:
     file = tmp_path / "gateway.toml"
-    done = init(str(file), typed="mill_9\n10.0.0.9:77777\n10.0.0.9:502\n")
+    done = init(str(file), typed="mill_9\n\n10.0.0.9:77777\n10.0.0.9:502\n")
     assert done.exit_code == 1
     assert "expected a port of 1 to 65535" in done.output, "and asked again"
     assert not file.exists()
@@ -340,7 +340,7 @@ def test_the_untouched_example_of_the_package_is_replaced_and_an_edited_one_is_n
         assert '"mine"' in file.read_text(encoding="utf-8")
         copy(example, file)
         file.chmod(0o640)
-        done = init(str(file), typed=f"mill\n127.0.0.1:{port}\n\nnone\n")
+        done = init(str(file), typed=f"mill\n\n127.0.0.1:{port}\n\nnone\n")
     assert done.exit_code == 0, done.output
     assert [d.profile for d in load(file).devices] == ["advantech_adam6015"]
     assert file.stat().st_mode & 0o777 == 0o640

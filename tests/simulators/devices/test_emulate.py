@@ -120,7 +120,8 @@ def test_program_says_where_it_listens_and_ends_when_interrupted(tmp_path: Path)
     command = [sys.executable, "-m", "simulators.devices", "m7015", str(tmp_path / "scenario.toml")]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
-        assert process.stdout.readline().startswith('kind = "modbus_rtu", port = "/dev/pts/')
+        (bus,) = tomllib.loads("".join(process.stdout.readline() for _ in range(4)))["bus"]
+        assert (bus["name"], bus["kind"], bus["port"][:9]) == ("bus1", "modbus_rtu", "/dev/pts/")
         process.send_signal(signal.SIGINT)
         assert process.wait(60) == 0
 

@@ -222,10 +222,7 @@ async def test_host_that_accepts_and_never_answers_is_reported() -> None:
         report = await scan(port)
     finally:
         await silent.stop()
-    assert (
-        report.remarks[0]
-        == f"127.0.0.1:{port} accepts connections, but none of the units that were asked answers (try --units 1-16)"
-    )
+    assert report.remarks[0].startswith(f"127.0.0.1:{port} accepts connections, but none of the units")
 
 
 async def test_units_behind_a_device_server_are_recognised(tmp_path: Path) -> None:
