@@ -93,7 +93,7 @@ for python in python3.11 python3.12 python3.13; do
         without "$tag wheel into an empty $python" "no such interpreter"
     fi
 done
-step "source archive into an empty python3.11" installs python3.11 \
+step "source archive into an empty python3" installs python3 \
     "$output"/talc_gateway-*.tar.gz "$output"/talc_gateway_simulators-*.whl
 if [ "$(id -u)" = 0 ] && command -v mmdebstrap >/dev/null; then
     step "Debian packages into an empty Debian" debian_installs "$output"/talc-gateway*_"$(dpkg --print-architecture)".deb

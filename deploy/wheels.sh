@@ -32,6 +32,7 @@ mkdir "$work/source" "$work/wheels"  # a copy: an editable installation uses the
 tar --exclude=./.git --exclude='./.[a-z]*' --exclude=./build --exclude=./dist --exclude=./out --exclude='*.so' -c . |
     tar -x -C "$work/source"
 deploy/version.sh write "$work/source"
+cp "$work/source/pyproject.toml" "$work/pyproject.toml"
 
 for architecture in x86_64 aarch64; do
     printf '#!/bin/sh\nexec "%s" -m ziglang c++ -target %s-linux-gnu.2.28 "$@"\n' \
@@ -40,9 +41,12 @@ for architecture in x86_64 aarch64; do
     rm -rf "$work/source/build"
     suffix=.abi3.so
     [ "$minor" -ge 12 ] || suffix=.cpython-311-$architecture-linux-gnu.so
-    # States what scikit-build-core and nanobind would take from the target's Python.
+    # States what scikit-build-core and nanobind would take from the target's Python. The name of the platform is not in
+    # the environment: without a platform that begins with linux, packaging gives a wheel for 3.11 no ABI in its tag.
+    { cat "$work/pyproject.toml"; printf '[tool.scikit-build.env]\n_PYTHON_HOST_PLATFORM = { default = "manylinux_2_28_%s", force = true }\n' \
+        "$architecture"; } >"$work/source/pyproject.toml"
     env "PATH=$work/build/bin:$PATH" CXXFLAGS="-include cstdio" CXX="$work/zig-$architecture" ZIG_GLOBAL_CACHE_DIR="${ZIG_GLOBAL_CACHE_DIR:-$work/zig}" \
-        _PYTHON_HOST_PLATFORM="manylinux_2_28_$architecture" SETUPTOOLS_EXT_SUFFIX="$suffix" \
+        _PYTHON_HOST_PLATFORM="linux-$architecture" SETUPTOOLS_EXT_SUFFIX="$suffix" \
         "${pip[@]}" wheel --quiet --no-deps --no-build-isolation --wheel-dir "$work/wheels" "$work/source"
 done
 [ "$minor" -lt 12 ] || "$work/build/bin/abi3audit" --strict --report "$work"/wheels/*.whl
