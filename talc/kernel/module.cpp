@@ -9,6 +9,8 @@
 #include "search.hpp"
 
 NB_MODULE(_kernel, m) {
+    // A thread that still holds a model when the process ends leaks nothing: the system takes all of it back.
+    nanobind::set_leak_warnings(false);
     m.doc() = "Compiled numerics of TALC.";
     talc::bind_group_lasso(m);
     talc::bind_lag(m);
