@@ -10,7 +10,7 @@ from simulators.nc.operating import Frames, Told
 from simulators.nc.statements import Words
 from simulators.nc.synchronised import ProgramAlarm
 from simulators.nc.tools import Tools
-from simulators.nc.words import LINEAR
+from simulators.nc.words import AXES, LINEAR
 
 DRY_RUN_FEED: Final = 5000.0
 """SD42100, mm/min: what dry run makes of every feed."""
@@ -58,8 +58,8 @@ def _from_workpiece(end: dict[str, float], state: Moving, *, machine: bool) -> N
     if not machine:
         if state.frames.turned and {"X", "Y"} <= end.keys():
             end["X"], end["Y"] = -end["Y"], end["X"]
-        settable = state.frames.settable.get(state.modal.codes[8], (0.0, 0.0, 0.0))
-        for axis, one, two in zip(LINEAR, settable, state.frames.shift, strict=True):
+        settable = state.frames.settable.get(state.modal.codes[8], (0.0,) * len(AXES))
+        for axis, one, two in zip(AXES, settable, state.frames.shift, strict=True):
             if axis in end:
                 end[axis] += one + two
     axis = {"G17": "Z", "G18": "Y", "G19": "X"}[state.modal.codes[6]]

@@ -31,10 +31,11 @@ class Told:
 
 @dataclass(slots=True)
 class Frames:
-    """Offsets of the settable and the programmable frame, mm; the latter is also turned about Z."""
+    """Offsets of the settable and the programmable frame, each for X, Y, Z, A and C, mm and degrees; the latter is also
+    turned about Z."""
 
-    settable: dict[str, tuple[float, float, float]] = field(default_factory=dict)
+    settable: dict[str, tuple[float, ...]] = field(default_factory=dict)
     """By G function."""
-    shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    shift: tuple[float, ...] = (0.0,) * 5
     turned: bool = False
     """ROT Z90."""

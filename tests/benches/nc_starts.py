@@ -114,8 +114,8 @@ def made(state: State, texts: Mapping[str, str] | None = None) -> Cell:
     _spindle(cell, state)
     axes.limits = {**axes.limits, "Z": (axes.limits["Z"][0], state["Z goes to"])}
     told.length_stays = state["SUPA leaves the length"]
-    channel.frames.settable = {"G54": (100.0, -50.0, 20.0), "G55": (-30.0, 10.0, -5.0)}
-    channel.frames.shift = (5.0, 6.0, 7.0) if state["programmable frame"] != "none" else (0.0, 0.0, 0.0)
+    channel.frames.settable = {"G54": (100.0, -50.0, 20.0, 4.0, -30.0), "G55": (-30.0, 10.0, -5.0, 0.0, 8.0)}
+    channel.frames.shift = (5.0, 6.0, 7.0, 2.0, 10.0) if state["programmable frame"] != "none" else (0.0,) * 5
     channel.frames.turned = state["programmable frame"] == "turned"
     channel.feed = state["F"]
     tools.mode, tools.default = state["tool change mode"], state["edge after a change"]

@@ -124,6 +124,8 @@ def test_what_is_read_before_the_axes_are_there_is_old() -> None:
         (("DIAMON",), "SUPA G1 X=10 Y=10", {"X": 5.0, "Y": 10.0}),
         (("G54",), "G1 X=10", {"X": 11.0}),
         (("G54",), "SUPA G1 X=10", {"X": 10.0}),
+        (("G54",), "G1 C=10", {"C": 15.0}),
+        (("G54",), "SUPA G1 C=10", {"C": 10.0}),
         ((), "SUPA G1 C=DC(10)", {"C": 370.0}),
         ((), "SUPA G1 C=DC(200)", {"C": 200.0}),
     ],
@@ -132,7 +134,7 @@ def test_a_block_goes_where_the_states_in_force_make_it_go(
     states: tuple[str, ...], blocks: str, end: dict[str, float]
 ) -> None:
     made = channel(program(blocks))
-    made.frames.settable = {"G54": (1.0, 0.0, 0.0)}
+    made.frames.settable = {"G54": (1.0, 0.0, 0.0, 0.0, 5.0)}
     for code in states:
         made.modal.switch(code)
     made.start("TALC_ONE")
