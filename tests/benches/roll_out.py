@@ -132,10 +132,10 @@ def furnish(root: Path, package: Path, key: Path) -> None:
 
 def own_part(guest: BootedDebian) -> str:
     """The machine's own part: where its module is."""
-    place = guest.run("cat /run/machine.toml").strip().replace(", ", "\n")
+    bus = guest.run("cat /run/machine.toml")
     channels = ", ".join(f"t{n} = {n}" for n in range(7))
     device = f"profile = 'advantech_adam6015'\nchannels = {{ {channels} }}\n"
-    return f"[[bus]]\nname = 'tcp1'\n{place}\n[[device]]\nname = 'adam'\nbus = 'tcp1'\n{device}"
+    return f"{bus}\n[[device]]\nname = 'adam'\nbus = 'bus1'\n{device}"
 
 
 def well(guest: BootedDebian) -> tuple[str, bool, str]:

@@ -38,7 +38,7 @@ cd /tmp
 printf '[[at]]\\ns = 0\\nvalues = [20, 21, 22, 23, 24, 25, 26]\\n' >module.toml
 /{OWN}/bin/python -m simulators.devices adam6015 module.toml >at &
 until [ -s at ]; do kill -0 $!; sleep 0.1; done
-printf 'machine = "lathe"\\nhosts = ["127.0.0.1:%s"]\\n' "$(sed 's/.*port = //' at)" >answers.toml
+printf 'machine = "lathe"\\nhosts = ["127.0.0.1:%s"]\\n' "$(sed -n 's/^port = //p' at)" >answers.toml
 talc-gateway init /{CONFIG} --answers answers.toml
 talc-gateway check /{CONFIG}
 talc-gateway probe /{CONFIG}
