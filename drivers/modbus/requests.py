@@ -138,9 +138,10 @@ class _Unit:
         """
         if self.not_copied >= _EQUAL_OFTEN and isinf(self.copied_s):
             return False
-        is_any = bool(message[0] & REFUSED) and now_s - self.copied_s < COPIES_S
-        equal = (r for r in self.recent if r.message == message and now_s - r.at_s <= _AT_ONCE_S)
-        return any(is_any or r.block == block for r in equal)
+        equal = [r for r in self.recent if r.message == message and now_s - r.at_s <= _AT_ONCE_S]
+        if message[0] & REFUSED:
+            return bool(equal) and now_s - self.copied_s < COPIES_S
+        return any(r.block == block for r in equal)
 
     def like(self, block: Block, now_s: float) -> Iterator[_Recent]:
         """Recent answers to other requests whose copies would look like the answer to this one."""
