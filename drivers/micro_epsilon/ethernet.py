@@ -107,9 +107,8 @@ class MeEthernetDevice:
         Raises WrongDevice, or the bus's errors.
         """
         block = await self._block()
-        self._renewal.fault(
-            block.counter, tuple(block.values.items())
-        )  # it may have stood still before this connection
+        # It may have stood still before this connection.
+        self._renewal.fault(block.counter, tuple(block.values.items()))
 
     async def read(self, *, again: bool = False) -> Sequence[Reading]:  # noqa: ARG002
         """One reading per channel, in µm, from the next block. Raises as `connect`."""

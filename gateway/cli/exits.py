@@ -1,5 +1,6 @@
 """How commands are found, their exit codes, and how their errors are reported."""
 
+import errno
 import os
 import sys
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,7 +16,7 @@ from gateway.config.problems import ConfigError
 from gateway.model.codes import NoticeCode
 from gateway.model.text import Text, language_wanted, text_of
 from gateway.reporting.recordings.problems import RecordingError
-from gateway.runtime.bounded_memory import MemoryBoundError
+from gateway.runtime.bounded_memory import MemoryBoundError, address_space_left
 from gateway.storage.faults import StoreError
 
 EXIT_CONFIG = 2
@@ -26,6 +27,8 @@ EXIT_DIFFERENT = 1
 """A comparison found a difference."""
 _GIVEN_WRONG = (ConfigError, MemoryBoundError, RecordingError, SetupError, WireLogError)
 _DATABASE = b"SQLite format 3\0"
+_LIBRARY_BYTES = 2**25
+"""Address space that the largest of the libraries takes in one piece, or a few threads."""
 _GIVEN = "gateway.arguments"
 
 
@@ -91,10 +94,11 @@ class Commands(CommandsElsewhere):
 
 
 def _is_lack_of_memory(error: Exception) -> bool:
-    """Also of a library that could not be loaded, or a thread that could not be started."""
-    told = ("failed to map segment", "cannot allocate memory", "can't start new thread")
+    """Also of a library that could not be loaded, or a thread that could not be started: these have no code."""
+    if isinstance(error, OSError):
+        return error.errno == errno.ENOMEM
     return isinstance(error, MemoryError) or (
-        isinstance(error, ImportError | OSError | RuntimeError) and any(words in str(error).lower() for words in told)
+        isinstance(error, ImportError | RuntimeError) and address_space_left() < _LIBRARY_BYTES
     )
 
 

@@ -44,7 +44,18 @@ def memory_left() -> float:
     return float("inf") if most == resource.RLIM_INFINITY else most - data_bytes()
 
 
+def address_space_left() -> float:
+    """Bytes of addresses that the process may still take (`ulimit -v`); infinite without a bound."""
+    most, _ = resource.getrlimit(resource.RLIMIT_AS)
+    return float("inf") if most == resource.RLIM_INFINITY else most - _bytes(0)
+
+
 def data_bytes() -> int:
     """What the kernel counts as this process's data."""
+    return _bytes(5)
+
+
+def _bytes(column: int) -> int:
+    """Of /proc/self/statm."""
     pages = Path("/proc/self/statm").read_text(encoding="ascii").split()
-    return int(pages[5]) * os.sysconf("SC_PAGE_SIZE")
+    return int(pages[column]) * os.sysconf("SC_PAGE_SIZE")

@@ -36,7 +36,7 @@ class PlaceWatch:
         self._path, self._seen = path, path.stat()
 
     def look(self) -> None:
-        """Raises GoneError or DamagedError. A `stat`, unless the file has become smaller.
+        """Raises GoneError or DamagedError. A `stat` and a look at the log, unless the file has become smaller.
 
         A file that is smaller than its header says has not necessarily been cut: a checkpoint beside a reader leaves
         out pages that have changed again, and the last one may be among them. Nor has one that becomes smaller: VACUUM

@@ -61,8 +61,7 @@ async def test_blocks_that_hold_the_same_words_are_asked_for_once_more_only_at_f
             peer.requests.clear()
             assert await period(bus) == [(100, 101)] * len(BLOCKS)
             asked.append(len(peer.requests))
-    assert max(asked[:3]) <= len(BLOCKS) + 5, "two requests more for each pair, and one"
-    assert asked[3:] == [len(BLOCKS)] * 2
+    assert asked == [8, 7, 7, 3, 3], "two requests more for each pair, three times; one, as equal answers came at once"
 
 
 async def test_blocks_that_differ_again_are_suspected_again() -> None:
