@@ -16,7 +16,7 @@ from tests.benches.linuxcnc_bench import running, until
 pytestmark = [pytest.mark.peer, pytest.mark.slow, pytest.mark.waits(20)]
 
 _COMPONENT = Path(linuxcnc_bench.__file__).parent / "late_motion.comp"
-_MOVES = 60
+_MOVES, _MOST = 60, 3000  # on, as long as it has not happened yet: seldom with both cores busy
 _PROGRAM = f"""\
 o<late> sub
 #<_talc_dry> = 0
@@ -26,7 +26,7 @@ o<talc_begin> call
 #<old> = 0
 #<alarms> = 0
 #<n> = 0
-o1 while [#<n> LT {_MOVES}]
+o1 while [[#<n> LT {_MOVES}] OR [[#<old> EQ 0] AND [#<n> LT {_MOST}]]]
   #<n> = [#<n> + 1]
   #<_talc_px> = [10 * [#<n> MOD 2]]
   G0 X#<_talc_px>
@@ -67,7 +67,7 @@ async def test_a_motion_that_begins_late_is_no_alarm_and_what_has_moved_is_one(t
         await hal.ask("send_mdi", "o<late> call")
 
         async def over() -> bool:
-            return await hal.number("getp", "motion.analog-out-09") == _MOVES
+            return await hal.number("getp", "motion.analog-out-09") >= _MOVES
 
         await until(over)
         old, alarms, reason = [await hal.number("getp", f"motion.analog-out-{i}") for i in (10, 11, 12)]
