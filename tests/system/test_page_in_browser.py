@@ -72,6 +72,8 @@ def test_each_part_shows_live_data(settings: Path) -> None:
             open_screen(page, "sensors")
             picture(page, "page-sensors")
             open_screen(page, "why")
+            expect(page.locator("#day-parts tbody tr").first).to_be_visible()
+            expect(page.locator("#day-axes svg")).to_have_count(3)
             picture(page, "page-why")
             open_screen(page, "now")
             x, cradle = page.locator("input[name=x]"), page.locator("#sketch [data-part=cradle]")

@@ -10,8 +10,8 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 
 _SCRIPTS = (
-    "bars.js", "chart.js", "choice.js", "commands.js", "elements.js", "machine.js", "model.js", "page.js", "past.js",
-    "screens.js", "sensitivity.js", "sensors.js", "stream.js", "tables.js", "when.js", "why.js",
+    "bars.js", "chart.js", "choice.js", "commands.js", "day.js", "elements.js", "machine.js", "model.js", "page.js",
+    "past.js", "screens.js", "sensitivity.js", "sensors.js", "stream.js", "tables.js", "when.js", "why.js",
     "words.js",
 )  # fmt: skip
 _FILES: Final[Mapping[str, tuple[str, str]]] = {

@@ -2,6 +2,7 @@
 import { showBars } from "./bars.js";
 import { keepTolerance, showSeries } from "./chart.js";
 import { keepSphere, machine, point, sphere } from "./choice.js";
+import { showDay as showLastDay } from "./day.js";
 import { $, changed, draw, make, paint, put, rows, say } from "./elements.js";
 import { showModel } from "./model.js";
 import { hear } from "./past.js";
@@ -84,6 +85,7 @@ export const showMachine = (v) => {
   if (v.alive && v.gateway_time) hear(v.channels, Date.parse(v.gateway_time) / 1e3);
   showSeries(v.channels);
   showWhy(v);
+  showLastDay(v);
   draw("tool-notes", v.tool_notes, () => say(v.tool_notes, "note"));
   showWhen(v);
   const price = v.alive ? v.waits.filter((row) => PRICE.includes(row.label)) : [];

@@ -2,6 +2,7 @@
 import { showStrip } from "./bars.js";
 import { forgetCourse, keepForecast, readyChart, showCourse, showMarks, showScreen } from "./chart.js";
 import { machine, query, queryOfAll, readyChoice } from "./choice.js";
+import { showDayOn, takeDay } from "./day.js";
 import { hideCommands, readyCommands, showCommands } from "./commands.js";
 import { $, changed, make, put, say } from "./elements.js";
 import { readyDay, showMachine, showWord } from "./machine.js";
@@ -100,7 +101,7 @@ if (machine) {
   readyWhy();
   readyWhen();
   readyScreens();
-  [showScreen, showBody, showAxis].forEach(watch);
+  [showScreen, showBody, showAxis, showDayOn].forEach(watch);
   const answers = () => state === "heard" && latest && latest.alive && latest.gateway_time;
   showWeeks(answers);
   showSensitivity(answers);
@@ -114,7 +115,7 @@ const listen = stream(address, {
   list: (list) => { showAll(); showList(list); },
   view: showView,
   events: (list) => { takeEvents(list); showMarks(list); },
-  corrections: takeCorrections,
+  corrections: (list) => { takeCorrections(list); takeDay(list); },
   course: (c) => {
     course = c;
     showAll();

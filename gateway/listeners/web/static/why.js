@@ -6,7 +6,8 @@ import { heat, means } from "./model.js";
 import { AXES } from "./screens.js";
 import { amount, time, word } from "./words.js";
 
-const REST = "", LEVEL = "=", SINCE = ">";
+export const REST = "";
+const LEVEL = "=", SINCE = ">";
 let latest = null, axis = "Z", moment = null, then = null;
 const tenths = (n) => Math.round(n * 10) / 10;
 // Rounded parts that add up to the rounded sum: what rounding leaves goes to the rest.
@@ -56,12 +57,12 @@ const errorsNow = ({ driven, errors }) => driven.map((e) => {
   return { error: e.error, total, unit: e.estimate.u, parts: [...e.movers.map(([key, by]) => ({ key, n: by.n })),
     { key: REST, n: e.others.n }, { key: LEVEL, n: e.level.n }, { key: SINCE, n: total - e.estimate.n }] };
 });
-const errorsThen = (lines) => lines.map((c) => ({ error: c.error, total: c.estimate.n, unit: c.estimate.u,
+export const errorsThen = (lines) => lines.map((c) => ({ error: c.error, total: c.estimate.n, unit: c.estimate.u,
   parts: [...c.movers.map(([key, by]) => ({ key, n: by.n })), { key: REST, n: c.rest.n }] }));
 const bodyOf = (channel) => latest.channels.find((c) => c.channel === channel)?.body ?? "";
 const errorRows = (errors) => errors.map((e) => ({ name: e.error, note: word("error." + e.error), unit: e.unit, total: tenths(e.total), key: e.error, said: e.said,
   parts: even(e.parts.map((p) => ({ ...p, part: bodyOf(p.key) })), e.total) }));
-const axisRow = (errors, i) => {
+export const axisRow = (errors, i) => {
   const found = new Map();
   let total = 0;
   for (const e of errors) {

@@ -1,0 +1,102 @@
+// Where the micrometres at the tool came from over the last day: what each part of the machine moved, reason after reason.
+import { machine } from "./choice.js";
+import { $, changed, drawn, make, put } from "./elements.js";
+import { AXES } from "./screens.js";
+import { amount, time, word } from "./words.js";
+import { axisRow, errorsThen, REST } from "./why.js";
+
+const SPAN_S = 86400, LONGEST_S = 2 * 3600, MOST_ASKED = 4, PATIENCE_MS = 60e3;
+const INKS = ["c1", "c2", "c3", "c4", "c6"];
+// Reasons by grid index: { t, lines }
+const known = new Map();
+let view = null, open = false, asked = 0, oldest = null, asking = false, againMs = 0;
+const keep = (lines) => {
+  for (const c of lines) {
+    if (!known.has(c.k)) known.set(c.k, { t: Date.parse(c.t) / 1e3, lines: new Map() });
+    known.get(c.k).lines.set(c.error, c);
+  }
+};
+const now = () => Date.parse(view.gateway_time) / 1e3;
+// Each holds until the next, or as long as reasons usually come.
+const steps = () => {
+  const list = [...known.values()].sort((a, b) => a.t - b.t), from = now() - SPAN_S;
+  const all = list.map(({ t, lines }, i) => ({ from: Math.max(t, from), to: Math.min(list[i + 1]?.t ?? now(), t + LONGEST_S), errors: errorsThen([...lines.values()]) }));
+  return all.filter((each) => each.to > from);
+};
+const swing = (values) => Math.max(0, ...values) - Math.min(0, ...values);
+// By part: its name, and what it moved in X, Y and Z at each step. Those that moved most have a colour, all others are one.
+const parts = (shown) => {
+  const found = new Map();
+  shown.forEach(({ errors }, j) => AXES.forEach((_, i) => {
+    for (const { key, n } of axisRow(errors, i).parts) {
+      if (!found.has(key)) found.set(key, AXES.map(() => shown.map(() => 0)));
+      found.get(key)[i][j] += n;
+    }
+  }));
+  const most = (moved) => Math.max(...moved.map(swing));
+  const own = [...found].filter(([key]) => key !== REST).sort((a, b) => most(b[1]) - most(a[1])), others = [...own.slice(INKS.length), ...[...found].filter(([key]) => key === REST)];
+  const sum = others.reduce((all, [, moved]) => all.map((axis, i) => axis.map((n, j) => n + moved[i][j])), AXES.map(() => shown.map(() => 0)));
+  return [...own.slice(0, INKS.length).map(([name, moved], i) => ({ name, moved, ink: INKS[i] })), ...(others.length ? [{ name: word("corrections.rest"), moved: sum, ink: "rest" }] : [])];
+};
+const HEIGHT = 100;
+const draw = (shown, list, i, [low, high]) => {
+  const from = now() - SPAN_S, x = (t) => ((t - from) / SPAN_S * 1000).toFixed(1), y = (n) => ((high - n) / (high - low || 1) * HEIGHT).toFixed(1);
+  const up = shown.map(() => 0), down = shown.map(() => 0), svg = drawn("svg", { viewBox: `0 0 1000 ${HEIGHT}`, preserveAspectRatio: "none", role: "img" });
+  for (const { moved, ink } of list) {
+    const path = shown.map((each, j) => {
+      const n = moved[i][j], base = n > 0 ? up[j] : down[j];
+      if (n > 0) up[j] += n; else down[j] += n;
+      return n ? `M${x(each.from)} ${y(base)}H${x(each.to)}V${y(base + n)}H${x(each.from)}Z` : "";
+    }).join("");
+    svg.append(drawn("path", { d: path, class: `fill-${ink}` }));
+  }
+  svg.append(drawn("path", { d: `M0 ${y(0)}H1000`, class: "nought-line" }));
+  svg.setAttribute("aria-label", `${AXES[i]}: ` + list.map((p) => `${p.name} ${amount({ n: swing(p.moved[i]), u: "µm", d: 1 })}`).join(", "));
+  return svg;
+};
+const show = () => {
+  if (!open || !view || !view.gateway_time) return;
+  const shown = steps();
+  if (!changed("day", [shown, view.reach, time(view.gateway_time)])) return;
+  $("day-empty").hidden = shown.length > 0;
+  $("day-shown").hidden = !shown.length;
+  if (!shown.length) return;
+  const list = parts(shown), stacked = (sign) => AXES.flatMap((_, i) => shown.map((__, j) => list.reduce((all, p) => all + Math.max(sign * p.moved[i][j], 0), 0)));
+  const ends = [-Math.max(...stacked(-1)), Math.max(...stacked(1))];
+  $("day-axes").replaceChildren(...AXES.map((axis, i) => {
+    const row = make("div", undefined, "day-axis"), scale = make("p", undefined, "note");
+    scale.append(make("span", amount({ n: ends[1], d: 0, sign: true })), make("span", amount({ n: ends[0], d: 0, sign: true })));
+    row.append(make("h4", axis), scale, draw(shown, list, i, ends));
+    return row;
+  }));
+  put($("day-from"), time((now() - SPAN_S) * 1e3));
+  put($("day-to"), time(view.gateway_time));
+  $("day-parts").tBodies[0].replaceChildren(...list.map(({ name, moved, ink }) => {
+    const row = make("tr"), head = make("th", undefined);
+    head.scope = "row";
+    head.append(make("i", undefined, `ink-${ink}`), name);
+    row.append(head, ...moved.map((values) => make("td", amount({ n: swing(values), d: 1 }), "right")));
+    return row;
+  }));
+};
+const fetchMore = async () => {
+  if (!open || asking || !view || !view.gateway_time || oldest !== null && oldest < now() - SPAN_S || asked >= MOST_ASKED || performance.now() < againMs) return;
+  asking = true;
+  const before = oldest === null ? now() : oldest;
+  const answer = await fetch(`/corrections/${encodeURIComponent(machine)}?before=${encodeURIComponent(new Date(before * 1e3).toISOString())}`).catch(() => null);
+  const found = answer && answer.ok ? await answer.json() : null;
+  asking = false;
+  if (!found || found.why) { againMs = performance.now() + PATIENCE_MS; return; }
+  asked++;
+  keep(found.lines);
+  oldest = found.before ? Date.parse(found.before) / 1e3 : -Infinity;
+  show();
+  fetchMore();
+};
+export const takeDay = (lines) => {
+  keep(lines);
+  for (const [k, { t }] of known) if (view && view.gateway_time && t < now() - SPAN_S - LONGEST_S) known.delete(k);
+  show();
+};
+export const showDay = (v) => { view = v; show(); fetchMore(); };
+export const showDayOn = (shown) => { open = shown.screen === "why"; show(); fetchMore(); };
