@@ -50,7 +50,9 @@ def geometry_of(config: GatewayConfig) -> Geometry | None:
     if nc is None:
         return None
     poses = tuple((float(a), float(c)) for a, c in probing.poses_deg)
-    found = Geometry(f"{nc.kind} {nc.address}", poses, float(probing.sphere_radius_mm), float(probing.sphere_height_mm))
+    found = Geometry(
+        f"{nc.kind} at {nc.address}", poses, float(probing.sphere_radius_mm), float(probing.sphere_height_mm)
+    )
     return replace(found, channel=nc.channel, origin_mm=nc.origin_mm) if isinstance(nc, SinumerikNc) else found
 
 
