@@ -7,7 +7,7 @@ unexport PYTHONDONTWRITEBYTECODE
 KERNEL := CMakeLists.txt $(wildcard talc/kernel/*)
 
 # Speed and errors beside others, in the same run on one thread; renews the tables in docs/figures.md.
-# SUBJECTS=recordings RECORDINGS=folder METHODS=my_module:MyMethod: your own (docs/benchmark-recordings.md).
+# SUBJECTS=recordings RECORDINGS=folder METHODS=my_module:MyMethod: your own (docs/recordings.md).
 RECORDINGS ?=
 METHODS ?=
 bench: $(VENV)/.ready

@@ -1,4 +1,4 @@
-"""Methods compared on real recordings, with measurements at the same times (docs/benchmark-recordings.md)."""
+"""Methods compared on real recordings, with measurements at the same times (docs/recordings.md)."""
 
 from benchmarks.recordings.subject import is_shipped, rows
 

@@ -205,6 +205,6 @@ def recordings_in(folder: Path) -> list[Path]:
     if not found:
         tables = sorted(file.name for file in folder.iterdir() if file.suffix in _TABLES)
         there = f"it contains {', '.join(tables)}; " if tables else ""
-        what = f"no TOML file: {there}describe each recording in one beside it (docs/benchmark-recordings.md)"
+        what = f"no TOML file: {there}describe each recording in one beside it (docs/recordings.md)"
         raise ConfigError(folder, [Problem("", what)])
     return found

@@ -71,4 +71,4 @@ print(pd.DataFrame(summary).T)
 
 # %% [markdown]
 # One recording says little. `make bench SUBJECTS=recordings RECORDINGS=folder` compares methods on many, at several
-# intervals, with hold and the best ridge in hindsight beside them (docs/benchmark-recordings.md).
+# intervals, with hold and the best ridge in hindsight beside them (docs/recordings.md).

@@ -143,7 +143,7 @@ class AgentNc(PolledAgent, AgentRequests):
 
 
 class MtConnectNc(PolledControl, MtConnectSettings):
-    """A machine with an MTConnect agent, only read; see docs/read-only-controls.md."""
+    """A machine with an MTConnect agent, only read; see docs/agent.md."""
 
     kind: Literal["mtconnect"]
     """`mtconnect`."""

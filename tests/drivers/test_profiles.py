@@ -50,10 +50,7 @@ def test_golden_cases(case: str) -> None:
 
 
 def test_examples_of_the_documentation_are_right(tmp_path: Path) -> None:
-    pages = (
-        Path(__file__).parents[2] / "docs" / name
-        for name in ("devices.md", "io-link.md", "own-profile.md", "wire-log.md")
-    )
+    pages = (Path(__file__).parents[2] / "docs" / name for name in ("devices.md", "own-profile.md", "wire-log.md"))
     text = "".join(page.read_text(encoding="utf-8") for page in pages)
     dbc = 'VERSION ""\nBU_: L\nBO_ 768 Temperatures1: 8 L\n SG_ T1 : 0|16@1- (0.1,0) [-200|850] "degC" L\n'
     (tmp_path / "logger.dbc").write_text(dbc, encoding="ascii")

@@ -186,7 +186,7 @@ bound_um = [20.0, 20.0, 20.0]      # CONFIRM: largest offset of X, Y, Z; raise i
 
 
 _ONLY_READ = """\
-# An MTConnect agent is only read: no probing, and nothing to arm (docs/read-only-controls.md). Without probing nothing
+# An MTConnect agent is only read: no probing, and nothing to arm (docs/agent.md). Without probing nothing
 # is learnt on this machine; `talc-gateway db import-learnt` brings what another one has learnt.
 [compensation]
 mode = "monitor"

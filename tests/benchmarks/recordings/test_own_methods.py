@@ -11,7 +11,7 @@ from benchmarks.recordings.chosen import methods
 from benchmarks.recordings.description import InputColumn
 from benchmarks.recordings.series import Series
 
-PAGE = Path(__file__).parents[3] / "docs" / "benchmark-recordings.md"
+PAGE = Path(__file__).parents[3] / "docs" / "recordings.md"
 
 
 def series() -> Series:

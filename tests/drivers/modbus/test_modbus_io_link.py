@@ -1,4 +1,4 @@
-"""IO-Link masters as docs/io-link.md describes them, on another maker's Modbus server (pymodbus)."""
+"""IO-Link masters as docs/own-profile.md describes them, on another maker's Modbus server (pymodbus)."""
 
 from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import asynccontextmanager
@@ -16,7 +16,7 @@ from tests.benches.manual_clock import ManualClock
 
 pytestmark = pytest.mark.simulated_time
 
-PAGE = Path(__file__).parents[3] / "docs" / "io-link.md"
+PAGE = Path(__file__).parents[3] / "docs" / "own-profile.md"
 
 
 def recipe(maker: str) -> str:

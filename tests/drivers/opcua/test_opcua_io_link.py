@@ -15,7 +15,7 @@ from tests.benches.npm_peer import node_with, running
 from tests.benches.opcua_drives import URI, Drives
 from tests.benches.refusals import refusing
 
-PAGE = Path(__file__).parents[3] / "docs" / "io-link.md"
+PAGE = Path(__file__).parents[3] / "docs" / "own-profile.md"
 
 
 def recipe() -> str:

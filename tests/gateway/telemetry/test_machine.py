@@ -31,7 +31,7 @@ from tests.benches.open_publisher import OpenPublisher
 from tests.benches.telemetry_peer import decision, problem, reading, telemetry
 from tests.benches.waits import wait_until
 
-PAGE = (Path(__file__).parents[3] / "docs" / "client.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parents[3] / "docs" / "keys.md").read_text(encoding="utf-8")
 LIMIT_S = 120.0
 BEGIN = datetime(2026, 3, 2, tzinfo=UTC)
 

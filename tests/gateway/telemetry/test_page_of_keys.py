@@ -41,7 +41,7 @@ async def test_the_subscriber_of_the_page_prints_decisions(monkeypatch: pytest.M
         return sessions[-1]
 
     monkeypatch.setattr(zenoh, "open", keep)
-    found = re.search(r"```python\n(.*?)```", PAGE, re.DOTALL)
+    found = re.search(r"```python\n(import json, zenoh\n.*?)```", PAGE, re.DOTALL)
     assert found is not None
     port = free_port()
     code = found[1].replace("7447", str(port))
