@@ -10,7 +10,7 @@ from drivers.build import BUS_KINDS
 from drivers.problems import settings_of
 from drivers.profiles import load_profile
 from gateway.commissioning.scan.found import Found, Place
-from gateway.commissioning.scan.unknown import draft_name, mark, next_command, without_marked
+from gateway.commissioning.scan.unknown import draft_name, key_of, mark, next_command, without_marked
 from gateway.config.file import draft, parse
 from gateway.config.model import GatewayConfig
 from gateway.config.polled import BusSection
@@ -55,14 +55,15 @@ def merged(existing: str, places: Sequence[Place], path: Path) -> str:
 
 
 def unknown_devices(existing: str, places: Iterable[Place], path: Path) -> list[tuple[Place, Found]]:
-    """Those that neither a profile describes nor `existing` has; their places. Raises ConfigError."""
+    """Each once per wire: what neither a profile describes nor `existing` has, and where. Raises ConfigError."""
     config = draft(existing or '[machine]\nname = "machine"', path)
-    return [
+    found = (
         (place, device)
         for place in places
         for device in place.devices
         if not device.what.profile and not _has(config, _existing_bus(config, _absolute(place)), device)
-    ]
+    )
+    return list({key_of(place, device): (place, device) for place, device in found}.values())
 
 
 def _outdated(groups: Iterable[Sequence[Place]], config: GatewayConfig) -> Iterator[str]:

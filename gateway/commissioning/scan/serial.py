@@ -1,5 +1,6 @@
 """Scans serial lines: asks unit after unit, at each speed and parity to try."""
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -28,6 +29,8 @@ too."""
 _ME_PARITIES: tuple[Parity, ...] = ("N", "E")
 _MOST_BABBLE = 3
 """Number of units per speed with invalid answers that are shown."""
+_ANY_SPEED = 3
+"""Who answers alike at so many speeds, and at all that were tried, has no speed: a USB device, or an emulated one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,6 +124,7 @@ async def scan_line(scan: SerialScan, progress: ScanProgress, stopped: Stopped) 
     report = ScanReport(total=scan.requests)
     refused: dict[str, list[str]] = {}
     first_refusal: DriverError | None = None
+    tried = Counter[str]()
     for attempt in scan.tries:
         if stopped():
             break
@@ -131,12 +135,24 @@ async def scan_line(scan: SerialScan, progress: ScanProgress, stopped: Stopped) 
             refused.setdefault(error.what, []).append(attempt.framing)
             report.asked += len(attempt.units)
             continue
+        tried[attempt.protocol] += 1
         if place.devices:
             report.places.append(place)
     if first_refusal is not None and sum(map(len, refused.values())) == len(scan.tries):
         raise first_refusal
     report.remarks += [f"{', '.join(dict.fromkeys(at))} could not be tried: {what}" for what, at in refused.items()]
+    for protocol, speeds in tried.items():
+        _without_speed(report, protocol, speeds)
     return report
+
+
+def _without_speed(report: ScanReport, protocol: str, speeds: int) -> None:
+    """Keep one place of those at which the same devices have answered at every speed."""
+    places = [place for place in report.places if place.kind == protocol]
+    there = [[(device.unit, device.what) for device in place.devices] for place in places]
+    if len(places) == speeds >= _ANY_SPEED and all(each == there[0] for each in there):
+        report.places = [place for place in report.places if place not in places[1:]]
+        report.remarks.append(f"{protocol}: the same at each of {speeds} speeds; shown at the first")
 
 
 async def _try(

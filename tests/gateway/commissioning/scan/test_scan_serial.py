@@ -145,6 +145,16 @@ async def test_speed_at_which_the_line_talks_is_found() -> None:
 
 
 @pytest.mark.simulated_time
+async def test_a_device_without_a_speed_is_found_once() -> None:
+    async with line({2: M7015(lambda: SIX)}) as path:
+        report = await scan(line_plan(path, bauds=(9600, 38400, 115200), me=True))
+    (place,) = report.places
+    assert place.options["baud"] == 9600
+    assert [device.unit for device in place.devices] == [2]
+    assert "3 speeds" in report.remarks[-1]
+
+
+@pytest.mark.simulated_time
 @pytest.mark.parametrize(("payload", "profile"), [("float", "me_rs485"), ("counted", "me_dt6120")])
 async def test_displacement_sensor_is_recognised_by_its_answer(payload: str, profile: str) -> None:
     sensor = MeSensor(lambda: [123.4], range_um=500.0, payload="counted" if payload == "counted" else "float")
