@@ -303,5 +303,5 @@ async def test_example_of_the_documents_is_read_as_it_says(tmp_path: Path) -> No
     assert len(readings) == 30
     assert [r.channel for r in readings if r.quality is not Quality.GOOD] == ["bed_rear_left"]
     values = {reading.channel: reading.value for reading in readings}
-    assert values["bed_front_left"] == pytest.approx(0x00D6 / 10)  # the first answer of unit 1
-    assert values["spindle_growth"] == pytest.approx(216.20115, abs=1e-4)
+    assert values["bed_front_left"] == pytest.approx(0x00EA / 10)  # the first answer of unit 1
+    assert values["spindle_growth"] == pytest.approx(249.94913, abs=1e-4)
