@@ -168,7 +168,7 @@ def test_the_service_alone_works_and_its_demo_says_what_to_install(
         archive.extractall(site)
     for arguments, code, said in [
         (("check", str(VALID)), 0, "good."),
-        (("demo",), 2, "pip install 'talc-gateway[demo]'"),
+        (("demo",), 2, "pip install ./deploy/simulators"),
     ]:
         assert_said(site, arguments, code, said)
     with ZipFile(simulators) as archive:

@@ -25,6 +25,8 @@ from gateway.cli.arguments import (
 )
 from gateway.cli.exits import EXIT_WORLD, Commands
 from gateway.config.fields import DEFAULT_PREFIX, LOOPBACK
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text, language_wanted
 from gateway.runtime.extras import need_extra
 from gateway.runtime.log import log_to_stderr
 
@@ -75,7 +77,7 @@ def main(verbose: int) -> None:
 def _with_simulators() -> None:
     """Raises click.UsageError in an installation for a machine, which has no emulated devices."""
     if find_spec("simulators") is None:
-        raise click.UsageError("emulated devices are not installed; install them with pip install 'talc-gateway[demo]'")
+        raise click.UsageError(Text(NoticeCode.EMULATED_NOT_INSTALLED).in_language(language_wanted(os.environ)))
 
 
 @main.command()
@@ -197,7 +199,6 @@ def play(file: Path, folder: Path | None, seconds: float | None, multicast: str 
 def run(config: Path, wires: Path | None, record_mb: float) -> None:
     """Run the gateway of CONFIG until SIGINT or SIGTERM."""
     from gateway.config.telemetry_rules import credential_problems
-    from gateway.model.text import language_wanted
     from gateway.service.run import run_service
 
     checked, language = read_config(config), language_wanted(os.environ)

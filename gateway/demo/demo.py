@@ -15,6 +15,7 @@ from gateway.demo.demo_page import PAGE_LOG, demo_page
 from gateway.demo.demo_replay import run_replay
 from gateway.listeners.watch.view import LiveView, ViewState, feeding
 from gateway.model.text import Language, language_wanted
+from gateway.runtime.extras import lack_of
 from gateway.runtime.signals import stop_on_signals
 from gateway.runtime.terminal import terminal
 from gateway.service.report_data import Reader
@@ -76,7 +77,7 @@ async def _run(demo: Demo, console: Console, said: Language) -> None:
         demo_page(demo.folder, demo.zenoh_port, _USE) as page,
         on_emulated_machine(demo) as (config, clock),
     ):
-        line = said("demo.page_absent") if page is None else await page.line(said)
+        line = said("demo.page_absent", why=lack_of("web")) if page is None else await page.line(said)
         console.print(line, highlight=False, soft_wrap=True)
         clock.start()
         await dry_run(

@@ -11,7 +11,7 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 
 from gateway.model.text import Language
-from gateway.runtime.extras import missing_of
+from gateway.runtime.extras import lack_of
 
 PAGE_LOG = "page.log"
 """In the demo's folder: what the page's program says. A terminal that shows the run has no place for it."""
@@ -46,7 +46,7 @@ async def demo_page(folder: Path, zenoh_port: int, machine_use: str) -> AsyncIte
 
     machine_use: the settings of the page, TOML
     """
-    if missing_of("web"):
+    if lack_of("web"):
         yield None
         return
     settings, log = folder / _SETTINGS, folder / PAGE_LOG

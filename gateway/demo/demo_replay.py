@@ -45,7 +45,7 @@ from gateway.model.probing import End, Outcome, Outlook
 from gateway.model.sample import samples
 from gateway.model.standing import Standing
 from gateway.model.text import Language, language_wanted, plain
-from gateway.runtime.extras import missing_of
+from gateway.runtime.extras import lack_of
 from gateway.runtime.signals import stop_on_signals
 from gateway.runtime.terminal import terminal
 from gateway.service.day_reports import DayReports
@@ -140,7 +140,7 @@ async def _published(
         return scenarios(asked, clock.utc())
 
     settings = config.telemetry.model_copy(update={"listen": (f"tcp/127.0.0.1:{port}",), "connect": ()})
-    reports = DayReports(database, clock.utc, missing=missing_of("report"))
+    reports = DayReports(database, clock.utc, missing=lack_of("report"))
     publisher = TelemetryPublisher(
         settings, config.machine.name, config.input_names, clock, boot_id(), simulated=True,
         history=history_of(database), course=course_of(database, config.grid.step_s), stored=rows_of(database),
@@ -176,7 +176,7 @@ async def _play(
         demo_page(folder, port, use) as page,
         _published(config, folder / "gateway.sqlite", clock, port, Scenarios(controller, planned, step_s)) as publisher,
     ):
-        line = said("demo.page_absent") if page is None else await page.line(said)
+        line = said("demo.page_absent", why=lack_of("web")) if page is None else await page.line(said)
         console.print(line, highlight=False, soft_wrap=True)
         console.print(said("demo.replaying", hours=lasts_s / 3600.0), highlight=False, soft_wrap=True)
         events.subscribe_to_all(publisher.publish)

@@ -6,12 +6,14 @@ import resource
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Coroutine, Sequence
+from collections.abc import Callable, Coroutine
 from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
 from typing import Any
 from zoneinfo import ZoneInfo
 
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 from gateway.runtime.workers.process import WorkError, in_process
 from gateway.telemetry.answers import ReportPage
 from gateway.telemetry.report_queries import ReportRequest
@@ -67,7 +69,7 @@ class DayReports:
     make: gives a compressed page of a database; raises WorkError
     monotonic_s: real seconds
     limit_s: how long a page may take
-    missing: packages that a page needs and that are not installed
+    missing: what a page needs and is not installed; None: nothing
     """
 
     def __init__(
@@ -77,7 +79,7 @@ class DayReports:
         make: Callable[[Path, ReportRequest], Coroutine[Any, Any, bytes]] = _made_apart,
         monotonic_s: Callable[[], float] = time.monotonic,
         limit_s: float = _LIMIT_S,
-        missing: Sequence[str] = (),
+        missing: Text | None = None,
     ) -> None:
         self._limit_s, self._missing = limit_s, missing
         self._database, self._now, self._make, self._monotonic_s = database, now, make, monotonic_s
@@ -90,10 +92,7 @@ class DayReports:
     def __call__(self, asked: ReportRequest) -> ReportPage:
         """The page of a day. Raises ValueError for an unknown time zone, OSError when it cannot be made."""
         if self._missing:
-            names = ", ".join(self._missing)
-            raise OSError(
-                f"{names} not installed on the gateway's computer; pip install 'talc-gateway[report]', and restart it"
-            )
+            raise OSError(Text(NoticeCode.NO_DAY_REPORT, lack=self._missing))
         zone = _zone(asked.zone)
         return ReportPage(asked.day.isoformat(), asked.zone, self._page(asked, zone))
 

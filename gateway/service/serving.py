@@ -21,7 +21,7 @@ from gateway.model.text import Text
 from gateway.model.wording import event_of
 from gateway.nc.settings import Identity
 from gateway.runtime.clocks import ServiceClock
-from gateway.runtime.extras import missing_of
+from gateway.runtime.extras import lack_of
 from gateway.runtime.time_service import clock_synchronised
 from gateway.runtime.versions import versions
 from gateway.service.day_reports import DayReports
@@ -100,7 +100,7 @@ async def serve(
             lambda: None if publisher is None else publisher.connection,
         )
         if config.telemetry.enabled:
-            reports = DayReports(config.storage.path, clock.utc, missing=missing_of("report"))
+            reports = DayReports(config.storage.path, clock.utc, missing=lack_of("report"))
             publisher = TelemetryPublisher(
                 config.telemetry,
                 config.machine.name,

@@ -8,8 +8,7 @@ from datetime import datetime
 from itertools import islice
 from pathlib import Path
 
-import click
-
+from gateway.runtime.extras import need_extra
 from gateway.storage import columns
 from gateway.storage.configurations import stored_config
 from gateway.storage.history import History
@@ -69,11 +68,10 @@ def _csv(value: object) -> object:
 
 
 def _write_parquet(path: Path, names: columns.CellKinds, rows: Iterator[columns.Cells]) -> int:
-    try:
-        import pyarrow as pa
-        from pyarrow import parquet
-    except ImportError:
-        raise click.UsageError("Parquet needs pyarrow: pip install 'talc-gateway[parquet]'; or export CSV") from None
+    need_extra("parquet")
+    import pyarrow as pa
+    from pyarrow import parquet
+
     kinds = {"time": pa.timestamp("us", tz="UTC"), "text": pa.string(), "number": pa.float64(), "whole": pa.int64()}
     schema, many = pa.schema([(name, kinds[kind]) for name, kind in names.items()]), 0
     with parquet.ParquetWriter(path, schema) as out:
