@@ -92,7 +92,9 @@ def _check_address(device: PlacedDevice[Any, Any], settings: type[BusSettings]) 
     profile, kind, units = device.profile, settings.bus_kind, settings.units
     if not fits_bus(profile.buses, kind, settings.carries):
         raise device.error(
-            Text("profile_misfit", profile=profile.name, kind=kind), hint=Text("profile_needs", kinds=profile.buses)
+            Text("profile_misfit", profile=profile.name, kind=kind),
+            field=("profile",),
+            hint=Text("profile_needs", kinds=profile.buses),
         )
     if units is not None and not units[0] <= device.unit <= units[1]:
         raise device.error(

@@ -93,9 +93,10 @@ def suggestion(wrong: str, right: Iterable[str]) -> str:
     begun = [name for name in names if wrong and name.startswith(wrong)]
     if len(begun) > 1:
         return Text("mean_one_of", names=" or ".join(repr(name) for name in begun))
-    close = get_close_matches(wrong[:_LONGEST_NAME], names, n=1, cutoff=0.6)
+    alike = {name.lower().replace("-", "_"): name for name in names}
+    close = get_close_matches(wrong[:_LONGEST_NAME].lower().replace("-", "_"), alike, n=1, cutoff=0.6)
     if close:
-        return Text("mean", name=close[0])
+        return Text("mean", name=alike[close[0]])
     return Text("possible", names=", ".join(names)) if names else Text("none_possible")
 
 
@@ -206,7 +207,8 @@ def _problem(
             return Problem("", Text("expected", value=shown(value), wanted=wanted), location, wanted)
         case _:
             wrong = _expecting(value, kind, context, detail["msg"])
-            example = _example(location, _annotations(root, detail["loc"]), value) if kind in _TABLES else ""
+            types = list(_annotations(root, detail["loc"]))
+            example = _example(location, types, value) if kind in _TABLES else _listed(types, value, kind)
             what = Text("such_as", wanted=wrong.what, example=example) if example else plain(wrong.what)
             return Problem("", what, location, wrong.expected)
     return Problem("", what, location)
@@ -319,6 +321,15 @@ def _example(location: Location, wanted: Iterable[object], value: object) -> str
                 pairs = [f"{name} = {text}" for name, text in zip(fields, shown_values, strict=False)]
                 table = ", ".join(pairs[: max(2, len(given))])
                 return f"{dotted((*location, 'NAME'))} = {{{table}}}" if mapped else f"{{{table}}}"
+    return ""
+
+
+def _listed(wanted: Iterable[object], value: object, kind: str) -> str:
+    """What a list could be in place of its first value; empty: it cannot be told."""
+    for member in wanted if kind == "tuple_type" else ():
+        if get_origin(member) is tuple and isinstance(value, str) == (str in _members(get_args(member)[0])):
+            rest = [each for each in get_args(member)[1:] if each is not Ellipsis]
+            return f"[{', '.join([shown(value), *('…' for _ in rest)])}]"
     return ""
 
 

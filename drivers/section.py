@@ -118,21 +118,22 @@ def _serial_port(name: str, info: ValidationInfo) -> str:
     return name
 
 
-_FOUR_NUMBERS = re.compile(r"\d+(?:\.\d+){3}")
+_NUMBERS = re.compile(r"\d+(?:[.,]\d+)+")
 
 
 def host_name(text: str) -> str:
     """A name or an address: neither a URL nor with a port. Raises ValueError."""
     try:
         text.encode("idna")  # as whatever looks it up: no part of it is empty or longer than 63 characters
-        named = _NAME.fullmatch(text) is not None and bool(text.strip(".")) and not _FOUR_NUMBERS.fullmatch(text)
+        named = _NAME.fullmatch(text) is not None and bool(text.strip(".")) and not _NUMBERS.fullmatch(text)
     except UnicodeError:
         named = False
     if not named:
         try:
             ip_address(text)
         except ValueError:
-            raise ValueError(Text("host_form", value=shown(text))) from None
+            code = "host_numbers" if _NUMBERS.fullmatch(text) else "host_form"
+            raise ValueError(Text(code, value=shown(text))) from None
     return text
 
 

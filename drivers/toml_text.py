@@ -40,7 +40,7 @@ _REMEDIES: Final = (
     ("toml_brackets", r"^\s*(?:\[\[[^\[\]]*\](?!\])|\[[^\[\]]*(?:\]\]|$))"),
     ("toml_colon", r"""^\s*(?:[\w.-]+|"")\s*:"""),
     ("toml_quote", r"""'|(?<!")(?:"")*"(?!")"""),
-    ("toml_bare", r"=\s*(?:\[+(?:[^\[\]]*,)?\s*)?(?!(?:true|false|inf|nan)\b)[A-Za-z_/~]"),
+    ("toml_bare", r"=\s*(?:\[+(?:[^\[\]]*,)?\s*)?(?!(?:true|false|inf|nan)\b)(?:[A-Za-z_/~]|\d+\.\d+\.)"),
     (
         "toml_rest",
         rf"""^{_KEY}=\s*(?:""|true\b|false\b|[-+]?\d[\d_.:-]*+|\[[^\[\]{{}}]*\]|\{{[^\[\]{{}}]*\}})\s*[^\s,]""",
@@ -154,18 +154,27 @@ def _explained(error: tomllib.TOMLDecodeError, text: str) -> TomlError:
     line = int(at[1]) if at else max(line for line, _, _ in _statements(text))
     if earlier := _earlier(text, line):
         return TomlError(Text("toml_twice", error=plain(said), line=earlier), line)
-    remedy = _remedy(text, line)
-    return TomlError(Text("toml_remedy", error=plain(said), remedy=Text(remedy)) if remedy else said, line)
+    remedy = _in_array(text, line) or _remedy(text, line)
+    return TomlError(Text("toml_remedy", error=plain(said), remedy=remedy) if remedy else said, line)
 
 
-def _remedy(text: str, line: int) -> str:
-    """Code of what is likely to be done about the line that is not TOML; empty: that cannot be guessed."""
+def _in_array(text: str, line: int) -> Text | None:
+    """What to do about the first of several sections, if it has the brackets of a single one."""
+    before = text.split("\n")[:line]
+    header = re.fullmatch(r"\s*\[\[([^\[\]]*)\]\]\s*(?:#.*)?", before[-1])
+    single = header and re.compile(rf"\s*\[\s*{re.escape(header[1].strip())}\s*\]\s*(?:#.*)?")
+    first = single and next((at for at, each in enumerate(before, 1) if single.fullmatch(each)), 0)
+    return Text("toml_array", name=header[1].strip(), line=first) if header and first else None
+
+
+def _remedy(text: str, line: int) -> Text | None:
+    """What is likely to be done about the line that is not TOML; None: that cannot be guessed."""
     first = max((at for at, _ in _cut(text) if at <= line), default=line)
     lines = text.split("\n")[max(first - 1, line - _MOST_LINES) : line]
     statement = _WHOLE.sub(_emptied, "\n".join(each[:_LONGEST_LINE] for each in lines))
     wrong = statement.rpartition("\n")[2]
     judged = ((code, form, statement if code == "toml_comma" else wrong) for code, form in _REMEDIES)
-    return next((code for code, form, part in judged if re.search(form, part)), "")
+    return next((Text(code) for code, form, part in judged if re.search(form, part)), None)
 
 
 def _emptied(whole: re.Match[str]) -> str:

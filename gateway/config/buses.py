@@ -34,6 +34,10 @@ class FamilyBus(BusSection):
             try:
                 profile = profile_of(device)
                 loaded = load_profile(profile) if isinstance(profile, str) else profile
+            except SetupError as error:
+                yield Problem(where, error.advice)
+                continue
+            try:
                 check_device(
                     device.name,
                     self.name,

@@ -162,7 +162,7 @@ def test_wrong_bus_settings_name_field_and_value(kind: str, options: dict[str, o
         ("icpdas_m7015", 1, {"a": 1, "b": 1}, {}, "b", (), "channel_taken"),
         ("icpdas_m7015", 1, {}, {}, "", (), "no_channels"),
         ("icpdas_m7015", 1, {"a": 0}, {"unit": 1}, "", ("unit",), "unknown_key"),
-        ("cia404", 1, {"a": 0}, {}, "", (), "profile_misfit"),
+        ("cia404", 1, {"a": 0}, {}, "", ("profile",), "profile_misfit"),
     ],
 )
 def test_wrong_devices_name_bus_device_and_channel(

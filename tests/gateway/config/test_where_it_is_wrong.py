@@ -45,6 +45,7 @@ SCHEMA = [
     ('port = "/dev/serial/by-id/usb-adapter"', "port = 1  # here", "bus 'rtu1'", "port", 1),
     ('port = "/dev/serial/by-id/usb-adapter"', 'port = ""  # here', "bus 'rtu1'", "port", ""),
     (TCP, 'host = "127.0.0.300"  # here', "bus 'tcp1'", "host", "127.0.0.300"),
+    (TCP, 'host = "192.168.0"  # here', "bus 'tcp1'", "host", "192.168.0"),
     (TCP, 'host = "192.168.0.10:502"  # here', "bus 'tcp1'", "host", "192.168.0.10:502"),
     (TCP, 'host = "http://adam"  # here', "bus 'tcp1'", "host", "http://adam"),
     (TCP, f"{TCP}\nport = 65536  # here", "bus 'tcp1'", "port", 65536),
@@ -55,6 +56,8 @@ SCHEMA = [
     (f"{DEVICE}\nunit = 1", f"{DEVICE}\nunit = 300  # here", "device 'rtd1'", "unit", 300),
     (f"{DEVICE}\nunit = 1", f'{DEVICE}\nunit = "1"  # here', "device 'rtd1'", "unit", "1"),
     (DEVICE, 'profile = "icpdas_7015"  # here', "device 'rtd1'", "profile", "icpdas_7015"),
+    (DEVICE, 'profile = "cia404"  # here', "device 'rtd1'", "profile", "cia404"),
+    (DEVICE, 'profile = "absent.toml"  # here', "device 'rtd1'", "profile", "absent.toml"),
     (DEVICE, f"{DEVICE}\nlimits = [0, 80]  # here", "device 'rtd1'", "limits", [0, 80]),
     (DEVICE, f"{DEVICE}\nperiod_s = 1.0  # here", "device 'rtd1'", "period_s", 1.0),
     ('bus = "tcp1"', 'bus = "tcp"  # here', "device 'adam'", "bus", "tcp"),
@@ -108,6 +111,7 @@ SCHEMA = [
 SYNTAX = [
     # what stands in the file, what somebody made of it, code of the remedy
     ('name = "mill"', "name = mill  # here", "toml_bare"),
+    (TCP, "host = 192.168.0.10  # here", "toml_bare"),
     ('name = "mill"', "name = “mill”  # here", "toml_curly"),
     ('name = "mill"', 'name = "mill  # here', "toml_quote"),
     ('name = "mill"', 'name: "mill"  # here', "toml_colon"),
@@ -121,6 +125,7 @@ SYNTAX = [
     (RTU, f"{RTU}\nrs485_rts = True  # here", "toml_truth"),
     ('port = "/dev/serial/by-id/usb-adapter"', r'port = "C:\dev"  # here', "toml_backslash"),
     ("[[state]]", "[[state]  # here", "toml_brackets"),
+    ("[[state]]\n", '[state]\nname = "tool"\n[[state]]  # here\n', "toml_array"),
     (END, f"{END}[probing]\nposes_deg = [[0, 0] [0, 90]]  # here\n", "toml_comma"),
     (END, f"{END}[probing]\nposes_deg = [[0, 0], [0, 90]  # here\n", "toml_comma"),
     ("unit = 1", "unit = 1\nunit = 2  # here", "toml_twice"),
@@ -197,3 +202,17 @@ def test_the_example_of_a_table_can_be_pasted(tmp_path: Path) -> None:
     file.write_text(VALID + f"[limits]\nbed_front = {example}\n", encoding="utf-8")
     (limits,) = load(file).limits.values()
     assert (limits.min, limits.max) == (0, 80)
+
+
+@pytest.mark.parametrize(
+    ("new", "example"), [("[compensation]\nbound_um = 20\n", "[20, …, …]"), ('[telemetry]\nlisten = "a"\n', "['a']")]
+)
+def test_a_single_value_is_shown_as_the_list_that_is_expected(new: str, example: str, tmp_path: Path) -> None:
+    (problem,) = problems(VALID + new, tmp_path)
+    assert problem.text.value_of("example") == example
+
+
+@pytest.mark.parametrize(("kind", "meant"), [("Modbus_RTU", "modbus_rtu"), ("modbus-tcp", "modbus_tcp")])
+def test_capitals_and_dashes_are_no_other_name(kind: str, meant: str, tmp_path: Path) -> None:
+    told = [problem.text for problem in problems(broken(RTU, f'kind = "{kind}"')[0], tmp_path)]
+    assert any(text.says("mean") and text.value_of("name") == meant for text in told)
