@@ -89,7 +89,7 @@ def _claim(runs: list[Run], sensors: str, noise: bool) -> Claim:
     better = int((medians["ARX"] < np.minimum(medians["static"], medians["FIR"])).sum())
     return Claim(
         f"ARX is better than static and FIR ({_title(sensors, noise).lower()})",
-        "in 8 of 8 indicators (Table 2), with its own two sensors",
+        "in 8 of 8 indicators (Table 2)",
         f"in {better} of 8 medians",
         better == len(_EIGHT),
         _WHY[sensors, noise],

@@ -1,6 +1,7 @@
 """Report of the study published-grid: B19's Tables 2 and 3 by its rule, what each parameter changes, and the days."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -28,13 +29,15 @@ settings on four load cases, 8,764 runs, with limits of 5 µm and 15 µm/m. The 
 in D cutting fluid is switched, and its temperature takes the place of the working space's.
 
 As in the paper there are seven errors and three temperatures, and ARX models by weighted least squares whose orders are
-found at each update. Our choice, where the paper names none: which seven and which three; orders up to 1; load cases of
-192 h and their speeds; the indicators of the linear errors are computed for each and then averaged, after the
-calibration, and Pd is over the whole series with a cycle of 95 s. Pd counts the calibration too.
+found at each update. P99 is of the mean of the linear errors, as the paper's, after the calibration. Our choice, where
+the paper names none: which seven and which three; orders up to 1; load cases of 192 h and their speeds; the mean is of
+magnitudes; the other indicators are computed for each linear error and then averaged; and Pd is over the whole series,
+the calibration included, with a cycle of 95 s. The mean of the errors' own P99 stands beside it.
 
 The best set of a load case has the most Pd of those whose P99 is below 5 µm (the paper's rule). The parameter update
 interval, 8 to 96 h and 192 h, is varied with the common set: models are then also renewed at these times."""
 _NAMES = ("SMAPE", "RMSE", "PV", "P99", "Pd")
+_EACH = "the mean of each error's P99"
 _FEW = 1.1
 """A factor of at most this is no change."""
 Point = Mapping[str, Any]
@@ -49,6 +52,7 @@ WHY = {
 
 def report(runs: list[Run]) -> Report:
     """Everything by load case."""
+    runs = [replace(run, result=_as_defined(run.result)) for run in runs]
     points: dict[str, list[Point]] = {}
     updated: dict[str, list[Point]] = {}
     for run in runs:
@@ -82,15 +86,25 @@ def report(runs: list[Run]) -> Report:
     return Report(_ASKED, summary, _claims(runs, points, updated), sections, _figures(runs))
 
 
+def _as_defined(result: Mapping[str, Any]) -> dict[str, Any]:
+    """The runs' figures, with P99 as the paper has it, and `P99 each` for the mean of the errors' own."""
+    if "P99 together" in result:
+        return {**result, "P99": result["P99 together"], "P99 each": result["P99"]}
+    return {
+        key: [_as_defined(one) for one in value] if isinstance(value, list) else _as_defined(value)
+        for key, value in result.items()
+    }
+
+
 def _whole(points: Points) -> bool:
     """Whether every setting was run on every load case."""
     return len(points) == len(B19_TABLE_3) and all(len(own) == B19_TEXT["settings"] for own in points.values())
 
 
-def best_of(points: Sequence[Point]) -> Point | None:
-    """The most Pd of those with P99 below 5 µm; None: there is none. NaN compares false."""
-    good = [p for p in points if p["P99"] is not None and p["P99"] < TARGET_UM]
-    return max(good, key=lambda p: (p["Pd"], -p["P99"])) if good else None
+def best_of(points: Sequence[Point], name: str = "P99") -> Point | None:
+    """The most Pd of those with P99, or the figure of another name, below 5 µm; None: there is none."""
+    good = [p for p in points if p[name] is not None and p[name] < TARGET_UM]
+    return max(good, key=lambda p: (p["Pd"], -p[name])) if good else None
 
 
 def common_point(points: list[Point]) -> Point | None:
@@ -136,12 +150,13 @@ def _best_table(points: Mapping[str, list[Point]]) -> Table:
     rows = []
     whole = _whole(points)
     for case, own in points.items():
-        best = best_of(own) if whole else None
-        cells = ("none below 5 µm" if whole else "not run", *[""] * 5)
-        if best is not None:
-            sizes = (*(f"{best[a]:g}" for a in ("calibration_h", "interval_h", "ng_count", "ng_interval_min")),)
-            cells = (*sizes, f"{best['P99']:.2f}", f"{best['Pd']:.2f}")
-        rows.append(TableRow((case, *cells)))
+        for title, name in ((case, "P99"), (f"{case}, by {_EACH}", "P99 each")):
+            best = best_of(own, name) if whole else None
+            cells = ("none below 5 µm" if whole else "not run", *[""] * 5)
+            if best is not None:
+                sizes = (*(f"{best[a]:g}" for a in ("calibration_h", "interval_h", "ng_count", "ng_interval_min")),)
+                cells = (*sizes, f"{best[name]:.2f}", f"{best['Pd']:.2f}")
+            rows.append(TableRow((title, *cells)))
         rows.append(TableRow((f"paper: {case}", *(f"{v:g}" for v in B19_TABLE_2[case])), paper=True))
     return Table(("load case", *B19_COLUMNS_2), tuple(rows))
 
@@ -155,12 +170,12 @@ def _summary(runs: list[Run], points: Mapping[str, list[Point]]) -> Table:
                 titles = {"exact": "ARX, no probing noise", "hold": "hold", "none": "none"}
                 found |= {title: run.result[name] for name, title in titles.items() if name in run.result}
         rows += [
-            TableRow((f"{case}: {name}", *(rounded_text(_number(p[n]), 4) for n in _NAMES)))
+            TableRow((f"{case}: {name}", *(rounded_text(_number(p[n]), 4) for n in (*_NAMES, "P99 each"))))
             for name, p in found.items()
             if p is not None
         ]
-        rows.append(TableRow((f"{case}: paper", *(f"{v:g}" for v in B19_TABLE_3[case])), paper=True))
-    return Table(("6.5 h, then 2 h, no good 12 × 10 min", *B19_COLUMNS_3), tuple(rows))
+        rows.append(TableRow((f"{case}: paper", *(f"{v:g}" for v in B19_TABLE_3[case]), "–"), paper=True))
+    return Table(("6.5 h, then 2 h, no good 12 × 10 min", *B19_COLUMNS_3, f"{_EACH}, µm"), tuple(rows))
 
 
 def _spread(points: Mapping[str, list[Point]], axis: str, name: str) -> float:
@@ -226,25 +241,24 @@ def _common_claims(runs: list[Run], points: Points) -> tuple[Claim, ...]:
     if not common or not exact:
         return ()
     quiet = {case: _number(p["P99"]) for case, p in exact.items()}
-    together = {case: _number(p["P99 together"]) for case, p in common.items()}
+    each = {case: _number(p["P99 each"]) for case, p in common.items()}
     pv = {case: _number(p["PV"]) for case, p in common.items()}
     return (
         Claim(
-            "6.5 h, then 2 h, no good 12 × 10 min keeps P99 near 5 µm",
-            "4.46 to 5.29 µm, below 5 on three of four load cases (Table 3)",
+            "6.5 h, then 2 h, no good 12 × 10 min keeps P99 below 5 µm on three of four load cases",
+            "4.46, 4.62, 4.91, 5.29 µm (section 3, Table 3)",
             f"{_list(p99)} µm ({', '.join(p99)}): below 5 µm on {kept} of {len(p99)}",
             kept >= min(3, len(p99)) > 0,
             "Between lone measurements, models are trained on what they estimated at the time. Without probing noise "
-            f"P99 is {_list(quiet)} µm. It is the mean of the linear errors' own ones; of their mean magnitude it is "
-            f"{_list(together)} µm.",
+            f"P99 is {_list(quiet)} µm. The mean of the linear errors' own P99 is {_list(each)} µm, below 5 on "
+            f"{sum(v < TARGET_UM for v in each.values())}.",
         ),
         Claim(
-            "The largest residual is at most 71 % of the largest error",
-            "PV 54.79 to 70.58 % (Table 3, eq. 1)",
+            "(ours) The largest residual is at most 71 % of the largest error",
+            "no sentence of it; PV 54.79 to 70.58 % (Table 3, by eq. 1)",
             f"{_list(pv)} % ({', '.join(pv)})",
             max(pv.values()) <= max(row[2] for row in B19_TABLE_3.values()),
-            "As a share of the largest error our models leave no more than the paper's. Our machine's errors are "
-            "larger: the paper's SMAPE is higher at a smaller RMSE.",
+            "Our machine's errors are larger: the paper's SMAPE is higher at a smaller RMSE.",
         ),
     )
 
@@ -253,15 +267,17 @@ def _best_claim(points: Points) -> Claim:
     best = {case: best_of(own) for case, own in points.items()}
     found = {case: p for case, p in best.items() if p is not None}
     short = sum(p["calibration_h"] == BEST[0] for p in found.values())
+    other = [p["calibration_h"] for own in points.values() if (p := best_of(own, "P99 each")) is not None]
     return Claim(
         "The best sets calibrate briefly: 6.5 h on three of four load cases",
-        "6.5, 6.5, 6.5 and 16 h; then each 2 to 6 h (Table 2)",
+        "6.5, 6.5, 6.5 and 16 h; then each 3, 4, 2 and 6 h (section 3, Table 2)",
         "; ".join(
             f"{case} {p['calibration_h']:g} h, then " + (f"{p['interval_h']:g} h" if p["interval_h"] else "never")
             for case, p in found.items()
         ),
         short >= 3,
-        "Pd counts the calibration and all that follows: a longer one can save more measurements than it costs.",
+        "Pd counts the calibration and all that follows: a longer one can save more measurements than it costs. By the "
+        f"mean of the errors' own P99 the best calibrations are {', '.join(f'{h:g}' for h in other)} h.",
     )
 
 

@@ -80,8 +80,8 @@ def report(every: list[Run]) -> Report:
             "The C drive warms what lies between table and bed within hours, and the calibration has seen such loads.",
         ),
         Claim(
-            "What is left is largely the workpiece's own growth",
-            "expected (its outlook)",
+            "Correcting the workpiece's own growth as well leaves less",
+            "named in its outlook, without a figure",
             f"mean range {mean['TALC']:.1f} to {mean['TALC + growth']:.1f} µm with the growth term",
             mean["TALC + growth"] < mean["TALC"],
             "The table's sensor is warmer than the workpiece while both warm up: the term overshoots at first.",
