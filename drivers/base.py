@@ -4,7 +4,7 @@ Within one read a driver may wait, ask again or reopen its connection, as far as
 Whoever calls it decides when a device that failed is read again (gateway/acquisition).
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -150,11 +150,29 @@ class LimitedBus(Protocol):
 
 
 @runtime_checkable
+class SharedServer(Protocol):
+    """A bus that may leave its server to others between two periods."""
+
+    async def end_period(self) -> None:
+        """Nothing is asked until the next period; the bus stays open for its users."""
+        ...
+
+
+@runtime_checkable
 class SharedLine(Protocol):
     """A bus that hears what others send on its wire."""
 
     def other_master(self) -> str:
         """What shows that another master is on the wire, in words; empty if nothing does."""
+        ...
+
+
+@runtime_checkable
+class Learns(Protocol):
+    """A bus that finds out how its devices want to be asked."""
+
+    def learnt(self) -> Collection[Text]:
+        """What is certain by now and not stated in its settings, each with the key that states it."""
         ...
 
 

@@ -8,8 +8,9 @@ other units share. Sources: MODBUS Application Protocol V1.1b3; MODBUS over seri
 import asyncio
 import struct
 from abc import ABC, abstractmethod
+from collections.abc import Collection
 from contextlib import suppress
-from math import inf, isinf
+from math import ceil, inf, isinf
 
 from pymodbus.exceptions import ModbusException
 from pymodbus.pdu import ExceptionResponse, ModbusPDU
@@ -30,10 +31,10 @@ from drivers.modbus.numbers import BIT_FUNCTIONS, Block
 from drivers.modbus.refusals import is_busy, is_target_silent, refusal
 from drivers.modbus.requests import Came, Requests
 from drivers.modbus.rests import Rests
-from drivers.modbus.settings import ModbusTcpSettings
+from drivers.modbus.settings import AskedSettings, ModbusTcpSettings, ServerSettings
 from drivers.patience import Patience
 from drivers.tap import Tap
-from drivers.text import Text
+from drivers.text import Text, Value
 
 _MOST_SENT = 2
 """How often a silent unit is sent one question before its late answer is waited for: more would slow it down."""
@@ -45,6 +46,8 @@ _MOST_BEHIND = 4
 """So often in a row a server may answer only earlier requests, until the connection is opened again."""
 _STRIDE = 2
 """Between the numbers of two requests: a server that answers with the next number never hits another request's."""
+_ALIEN = 3
+"""So many answers in a row must have a number that no request had, until the server is known to give its own."""
 _GIVEN_UP_S = 5.0
 """How long none is after that was in vain."""
 _MOST_HEARD = 4096
@@ -74,14 +77,51 @@ class ModbusBus(StreamBus, ABC):
     """Whether a connection that the other side closed is opened again for the next request, and once more when it is
     closed while that is under way: some hosts close it after each answer, or when nobody asks for a while."""
 
-    def __init__(self, name: str, stream: ByteStream, patience: Patience, timeout_s: float) -> None:
-        super().__init__(name, stream, timeout_s)
-        self._patience, self._rests, self._requests = patience, Rests(), Requests(numbered=self.has_numbers)
+    def __init__(self, name: str, settings: AskedSettings, stream: ByteStream, patience: Patience) -> None:
+        super().__init__(name, stream, settings.timeout_s)
+        self._settings, self._patience = settings, patience
+        self._rests = Rests(settings.settle_s, settings.rest_ms / 1e3)
+        self._requests = Requests(numbered=self.has_numbers)
         self._until_s, self._sent_s = inf, -inf
         self._longer_in_vain_s = -inf
         """When an answer was last waited for longer than the timeout, and did not come."""
         self._wanted = False
         """Whether the connection is to be open: `connect` succeeded and nobody has called `close`."""
+        self._learnt: dict[tuple[str, int], Text] = {}
+        """By code and unit; 0: it is about the connection."""
+
+    async def connect(self) -> None:
+        """Open the connection and let it settle, unless it is open already. Raises ConnectError."""
+        async with self._lock:
+            if not self._stream.is_open:
+                await self._open()
+                await asyncio.sleep(self._settings.settle_s)
+
+    async def end_period(self) -> None:
+        """Let others connect until the next request, where the settings say so."""
+        if isinstance(self._settings, ServerSettings) and self._settings.close_between_polls:
+            async with self._lock:
+                await self._stream.close()
+
+    def let_rest(self, unit: int, least_s: float) -> None:
+        """The unit is never asked sooner than this after an answer."""
+        self._rests.state(unit, least_s)
+
+    def learnt(self) -> Collection[Text]:
+        """What is certain and not stated: when it may be asked, each with the key that states it."""
+        if (mute_s := self._rests.mute_s) > self._settings.settle_s and self.reopens:
+            self._learn("modbus_mute", 0, settle_s=ceil(10 * mute_s) / 10)
+        for unit, rest_s in self._rests.needed_s.items():
+            self._learn("modbus_needs_rest", unit, rest_ms=round(1e3 * rest_s))
+        return self._learnt.values()
+
+    def learn_whole(self, unit: int, where: Text) -> None:
+        """The unit refuses parts of what it returns as a whole."""
+        self._learn("modbus_whole", unit, where=where)
+
+    def _learn(self, code: str, about: int, **values: Value) -> None:
+        if (code, about) not in self._learnt:
+            self._learnt[code, about] = Text(code, bus=self._name, **({"unit": about} if about else {}), **values)
 
     async def close(self) -> None:
         self._wanted = False
@@ -117,6 +157,7 @@ class ModbusBus(StreamBus, ABC):
     async def _open(self) -> None:
         await super()._open()
         self._wanted = True
+        self._rests.opened(asyncio.get_running_loop().time())
         self._opened()
 
     def _opened(self) -> None:
@@ -145,9 +186,11 @@ class ModbusBus(StreamBus, ABC):
             self._requests.begin(unit, asyncio.get_running_loop().time())
         elif (came := self._requests.took(unit, block)) is not None:
             self._check(device, unit, block, came)
+            self._rests.heard(unit, came.sent_s)
             return came.message
         came = await self._asked(device, unit, block)
         self._check(device, unit, block, came)
+        self._rests.heard(unit, came.sent_s)
         return came.message
 
     def _check(self, device: str, unit: int, block: Block, came: Came) -> None:
@@ -237,6 +280,7 @@ class ModbusBus(StreamBus, ABC):
         return await self._hear(heard, unit, block, like, latest_s, wait_s)
 
     def _tell_rests(self, unit: int, message: bytes, now_s: float) -> None:
+        self._rests.line_answered_s = now_s
         if is_target_silent(message):
             self._rests.not_reached(unit, now_s)
         elif is_busy(message):
@@ -305,11 +349,13 @@ class ModbusTcpBus(ModbusBus):
 
     def __init__(self, name: str, settings: ModbusTcpSettings, tap: Tap | None = None) -> None:
         stream = TcpStream(name, settings.host, settings.port, tap)
-        super().__init__(name, stream, Patience(settings.timeout_s), settings.timeout_s)
+        super().__init__(name, settings, stream, Patience(settings.timeout_s))
         self._number = 1 - _STRIDE
         self._perhaps_busy_until, self._mute = 0.0, False
         self._behind = 0
         """How many requests in a row were answered only by answers to earlier ones."""
+        self._alien = 0
+        """How many answers in a row had a number that no request can have had."""
 
     def _opened(self) -> None:
         self._perhaps_busy_until, self._mute = 0.0, False
@@ -347,6 +393,7 @@ class ModbusTcpBus(ModbusBus):
 
     async def _answered(self, unit: int, block: Block, came: Came, heard: bytearray) -> None:  # noqa: ARG002
         self._perhaps_busy_until, self._mute = 0.0, False
+        self._alien = 0
         self._behind = 0 if came.number == self._number else self._behind + 1
         self._requests.was_heard(unit)
 
@@ -398,6 +445,9 @@ class ModbusTcpBus(ModbusBus):
         if not heard:
             return self._silence(device, unit, waited_s, heard=is_late)
         if end == len(heard):
+            self._alien += sum(number % _STRIDE == 0 for number, _, _ in messages)
+            if self._alien >= _ALIEN:
+                self._learn("modbus_own_numbers", 0)
             others = ", ".join(str(number) for number, _, _ in messages)
             return NoAnswer(
                 Text("modbus_request_silent", unit=unit, number=self._number, waited_s=waited_s, others=others),

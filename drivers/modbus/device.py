@@ -10,7 +10,7 @@ from drivers.modbus.bus import ModbusBus, NotAsked
 from drivers.modbus.inputs import device_input
 from drivers.modbus.numbers import AddressRange, Block, Span
 from drivers.modbus.plan import ReadPlan
-from drivers.modbus.profile import ModbusProfile
+from drivers.modbus.profile import ChannelBlock, ModbusProfile
 from drivers.modbus.settings import ModbusOptions
 from drivers.readings import ReadingMaker, total
 from drivers.text import Text
@@ -47,11 +47,16 @@ class ModbusDevice:
     ) -> None:
         self.device, self.channels = device, tuple(channels)
         self._bus, self._profile, self._unit = bus, profile, unit
+        bus.let_rest(unit, options.rest_ms / 1e3)
         self._offset, self._clock = options.address_offset, clock
         self._channels = {name: device_input(profile, number, self._offset) for name, number in channels.items()}
         self._maker = ReadingMaker({name: one.unit for name, one in self._channels.items()}, clock)
         inputs = self._channels.values()
-        self._values = self._plan(place for one in inputs for place in (one.value, *one.faults))
+        self._stated = [Block(w.function, w.address + self._offset, w.count) for w in profile.wholes]
+        self._wholes = list(self._stated)
+        self._tried: set[Block] = set()
+        """Whole blocks that were asked for because a part was refused."""
+        self._values = self._plan_values()
         self._faults = self._plan(())
         self._faults_after: list[Block] = []
         """The requests of values for which `_faults` was made."""
@@ -200,6 +205,9 @@ class ModbusDevice:
             self._answers.add(self._values.test, answer)
         self._plan_faults()
         await self._answer(self._values, self._answers, again=again, in_order=bool(self._faults.requests))
+        if self._values.refused and await self._finds_whole():
+            self._plan_faults()
+            await self._answer(self._values, self._answers, again=again, in_order=bool(self._faults.requests))
         if self._values.is_refused:
             raise self._values.error
         self._plan_faults()
@@ -208,6 +216,32 @@ class ModbusDevice:
         later = {**words, **self._fault_answers.words(self._faults.requests)}
         self._values.join()
         return words, later
+
+    async def _finds_whole(self) -> bool:
+        """Whether the unit, which refuses a part of one of the profile's blocks, returns all of it at once; that is
+        then asked for. Each block is tried once."""
+        inputs = {id(one.block): one for one in self._channels.values() if one.value in self._values.refused}
+        for one in inputs.values():
+            whole = self._extent(one.block)
+            is_long = whole.count > self._profile.max_registers
+            if is_long or whole in self._tried or self._values.was_planned(whole):
+                continue
+            self._tried.add(whole)
+            try:
+                await self._ask(whole)
+            except (NoAnswer, BadAnswer, Busy, Refused):
+                continue
+            self._wholes.append(whole)
+            self._values = self._plan_values()
+            self._bus.learn_whole(self._unit, _where(whole))
+            return True
+        return False
+
+    def _extent(self, block: ChannelBlock) -> Block:
+        """All values of a block of the profile."""
+        places = [block.place(index, self._offset) for index in range(block.channels)]
+        first = min(address for _, address, _ in places)
+        return Block(places[0][0], first, max(address + width for _, address, width in places) - first)
 
     def _plan_faults(self) -> None:
         """Whenever the requests of values have changed."""
@@ -300,9 +334,8 @@ class ModbusDevice:
 
     def _silence(self, request: Block) -> NoAnswer:
         """Why what this request is to read has no value, though the unit answers others."""
-        where = Text("modbus_request", function=request.function, address=request.address, count=request.count)
         return NoAnswer(
-            Text("modbus_place_silent", unit=self._unit, where=where),
+            Text("modbus_place_silent", unit=self._unit, where=_where(request)),
             bus=self._bus.name,
             device=self.device,
             hint=Text("modbus_has_address"),
@@ -357,6 +390,10 @@ class ModbusDevice:
         self._fault_answers.clear()
         self._spans, self._told, self._checked, self._was_silent = {}, {}, False, False
         self._refused_for_s = _ASK_REFUSED_AGAIN_S
+        self._tried.clear()
+        if self._wholes != self._stated:
+            self._wholes = list(self._stated)
+            self._values = self._plan_values()
         self._reset_plans()
 
     def _reset_plans(self, *, silent: bool = True) -> None:
@@ -365,8 +402,10 @@ class ModbusDevice:
 
     def _plan(self, places: Iterable[AddressRange]) -> ReadPlan:
         profile = self._profile
-        wholes = [Block(one.function, one.address + self._offset, one.count) for one in profile.wholes]
-        return ReadPlan(places, profile.max_registers, profile.max_gap, self._silence, wholes)
+        return ReadPlan(places, profile.max_registers, profile.max_gap, self._silence, tuple(self._wholes))
+
+    def _plan_values(self) -> ReadPlan:
+        return self._plan(place for one in self._channels.values() for place in (one.value, *one.faults))
 
     def _apart(self) -> Iterator[AddressRange]:
         """What must be read again after the values, so that a sensor that recovers in between is noticed.
@@ -410,3 +449,7 @@ class ModbusDevice:
             return Fault(Quality.OUT_OF_RANGE, text)
         implausible = block.plausibility and block.plausibility.fault(value, one.unit)
         return implausible or value
+
+
+def _where(request: Block) -> Text:
+    return Text("modbus_request", function=request.function, address=request.address, count=request.count)

@@ -85,6 +85,10 @@ class ReadPlan:
         """The test was not answered: next time try another request, as the unit may be silent for this one alone."""
         self._tests += 1
 
+    def was_planned(self, request: Block) -> bool:
+        """Whether this was asked for at first."""
+        return request in self._whole
+
     @property
     def error(self) -> Refused:
         """How the first request was refused. Raises ValueError if none was."""

@@ -1,4 +1,4 @@
-"""Rests: how long a unit is left alone after an answer, because it is busy then or needs the time."""
+"""Rests: how long a unit is left alone after an answer or a connection, because it is busy then or needs the time."""
 
 from dataclasses import dataclass
 from math import inf
@@ -17,6 +17,8 @@ _CONFIRMED = 1000
 """The same, if such a request was missed."""
 _GIVEN_UP_S = 60.0
 """How long none is tried after none has helped."""
+_SWALLOWED = 2
+"""So many requests must be swallowed at least: one may be lost."""
 _BUSY_S = 0.05
 """The first rest after a unit has said that it is busy; each one after it, until it answers, is twice as long."""
 _MOST_BUSY = 3
@@ -27,6 +29,8 @@ _COPY_S = 0.2
 
 @dataclass(slots=True)
 class _Rest:
+    least_s: float = 0.0
+    """As it is stated."""
     answered_s: float = -inf
     busy_until_s: float = -inf
     busy: int = 0
@@ -54,19 +58,47 @@ class Rests:
     on; some say that they are busy; of some each answer comes twice.
 
     Times are monotonic seconds.
+
+    Parameters
+    ----------
+    settle_s: after each connection nothing is asked for so long
+    line_s: nor after any answer
     """
 
-    def __init__(self) -> None:
+    def __init__(self, settle_s: float, line_s: float) -> None:
         self._of: dict[int, _Rest] = {}
+        self._settle_s, self._line_s = settle_s, line_s
+        self._opened_s = self.line_answered_s = -inf
+        self._swallowed: dict[int, list[float]] | None = None
+        """When the first requests to each unit were sent on this connection, until one is answered; None: one was."""
+        self._mute_s: float | None = 0.0
+        """What the last connection swallowed at first, at most; None: one did not."""
+        self.needed_s: dict[int, float] = {}
+        """The rests that are certain, by unit."""
+
+    def state(self, unit: int, least_s: float) -> None:
+        """The unit is never asked sooner than this after an answer."""
+        one = self._of.setdefault(unit, _Rest())
+        one.least_s = max(one.least_s, least_s)
+
+    @property
+    def mute_s(self) -> float:
+        """For how long each connection so far ignored what came; 0: not known, or one did not."""
+        return self._mute_s or 0.0
+
+    def opened(self, now_s: float) -> None:
+        """A connection begins."""
+        self._opened_s, self._swallowed = now_s, {}
 
     def left_s(self, unit: int, now_s: float, *, first: bool) -> float:
         """How much longer it rests; not above 0: it may be asked.
 
         first: other units wait for this, so that no long rest is tried that has not helped yet
         """
+        line_s = max(self._opened_s + self._settle_s, self.line_answered_s + self._line_s)
         if (one := self._of.get(unit)) is None:
-            return 0.0
-        until_s = one.busy_until_s
+            return line_s - now_s
+        until_s = max(line_s, one.busy_until_s, one.answered_s + one.least_s)
         is_tried = not one.answers and one.most == _TRIED
         waits = first and is_tried and len(self._of) > 1 and _STEPS_S[one.step] >= _SOON_S
         if one.step and one.answers < one.most and not waits:
@@ -82,10 +114,23 @@ class Rests:
 
     def sent(self, unit: int, now_s: float) -> None:
         """A request is sent."""
+        if self._swallowed is not None:
+            first = self._swallowed.setdefault(unit, [])
+            if len(first) < _SWALLOWED:
+                first.append(now_s)
         one = self._of.setdefault(unit, _Rest())
         gap_s = now_s - one.answered_s
         one.soon = gap_s < max(_SOON_S, 1.2 * _STEPS_S[one.step])
         one.without = gap_s < 0.9 * _STEPS_S[one.step]
+
+    def heard(self, unit: int, sent_s: float) -> None:
+        """The unit has answered what was sent then."""
+        if self._swallowed is None:
+            return
+        earlier = sum(s < sent_s for s in self._swallowed.get(unit, ()))
+        self._swallowed = None
+        if self._mute_s is not None:
+            self._mute_s = max(self._mute_s, sent_s - self._opened_s) if earlier >= _SWALLOWED else None
 
     def answered(self, unit: int, now_s: float) -> None:
         """It is answered."""
@@ -106,18 +151,23 @@ class Rests:
 
     def was_busy(self, unit: int, now_s: float) -> None:
         """Its answer says that it is busy."""
-        self.missed(unit, now_s)
+        self.missed(unit, now_s, is_busy=True)
         one = self._of[unit]
         one.answered_s, one.busy_until_s = now_s, now_s + _BUSY_S * 2 ** min(one.busy, _MOST_BUSY)
         one.busy += 1
 
-    def missed(self, unit: int, now_s: float) -> None:
-        """It is not answered."""
+    def missed(self, unit: int, now_s: float, *, is_busy: bool = False) -> None:
+        """It is not answered.
+
+        is_busy: it says why, so that nothing is certain
+        """
         one = self._of.setdefault(unit, _Rest())
         soon, without = one.soon, one.without
         one.soon = one.without = False
         if without and one.answers >= one.most:  # it does need it
             one.answers, one.most = 0, _CONFIRMED
+            if not is_busy:
+                self.needed_s.setdefault(unit, _STEPS_S[one.step])
         if without or not soon:
             return
         one.missed += 1

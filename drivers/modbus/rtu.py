@@ -21,7 +21,7 @@ from drivers.modbus.frames import (
 )
 from drivers.modbus.numbers import Block
 from drivers.modbus.requests import Came
-from drivers.modbus.settings import ModbusRtuSettings, ModbusRtuTcpSettings
+from drivers.modbus.settings import AskedSettings, ModbusRtuSettings, ModbusRtuTcpSettings
 from drivers.modbus.strangers import Strangers
 from drivers.patience import Patience
 from drivers.serial_server import SERVER_PAUSE_S, pause_s, serial_stream
@@ -53,9 +53,16 @@ class RtuFramedBus(ModbusBus):
     has_checksum = True
 
     def __init__(
-        self, name: str, stream: ByteStream, timeout_s: float, *, local_echo: bool | None, gap_s: float, pause_s: float
+        self,
+        name: str,
+        settings: AskedSettings,
+        stream: ByteStream,
+        *,
+        local_echo: bool | None,
+        gap_s: float,
+        pause_s: float,
     ) -> None:
-        super().__init__(name, stream, Patience(timeout_s, _GROWTH), timeout_s)
+        super().__init__(name, settings, stream, Patience(settings.timeout_s, _GROWTH))
         self._gap_s, self._pause_s, self._echo = gap_s, pause_s, local_echo
         self._quiet_since = 0.0
         self._owing_until: float | None = None
@@ -323,8 +330,8 @@ class ModbusRtuBus(RtuFramedBus):
         gap_s = 3.5 * 11 / settings.baud
         super().__init__(
             name,
+            settings,
             serial_stream(name, settings, tap),
-            settings.timeout_s,
             local_echo=settings.local_echo,
             gap_s=gap_s,
             pause_s=max(pause_s(settings), 4 * gap_s),
@@ -342,8 +349,8 @@ class ModbusRtuTcpBus(RtuFramedBus):
     def __init__(self, name: str, settings: ModbusRtuTcpSettings, tap: Tap | None = None) -> None:
         super().__init__(
             name,
+            settings,
             TcpStream(name, settings.host, settings.port, tap),
-            settings.timeout_s,
             local_echo=settings.local_echo,
             gap_s=_SERVER_GAP_S,
             pause_s=SERVER_PAUSE_S,

@@ -4,11 +4,29 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
-from drivers.bus_settings import AnyBus, HostSettings, SerialSettings, Telegrams
+from drivers.bus_settings import BusSettings, HostSettings, SerialSettings, Telegrams
 from drivers.section import Port, Section
 
 
-class LineSettings(AnyBus):
+class AskedSettings(BusSettings):
+    """Any bus whose units are asked."""
+
+    settle_s: float = Field(default=0.0, ge=0, le=8)
+    """After connecting nothing is asked for this long, where a device ignores what comes sooner."""
+    rest_ms: int = Field(default=0, ge=0, le=2000)
+    """After each answer nothing is asked for this long, where a converter or server needs it; a unit's own `rest_ms` is
+    an option of its device."""
+
+
+class ServerSettings(HostSettings, AskedSettings):
+    """Any server."""
+
+    close_between_polls: bool = False
+    """Whether the connection is closed after each period, for a server with one client at a time that others ask too.
+    """
+
+
+class LineSettings(AskedSettings):
     """Any line with RTU frames."""
 
     local_echo: bool | None = None
@@ -27,7 +45,7 @@ class ModbusRtuSettings(SerialSettings, LineSettings):
     name_stem: ClassVar[str] = "rtu"
 
 
-class ModbusRtuTcpSettings(HostSettings, LineSettings):
+class ModbusRtuTcpSettings(ServerSettings, LineSettings):
     """Modbus RTU over TCP: units on the serial line of a device server, whose TCP port forwards the bytes unchanged.
 
     The server sets speed and parity of the line.
@@ -42,7 +60,7 @@ class ModbusRtuTcpSettings(HostSettings, LineSettings):
     name_stem: ClassVar[str] = "rtu"
 
 
-class ModbusTcpSettings(HostSettings):
+class ModbusTcpSettings(ServerSettings):
     """Modbus TCP to one host, which is a device itself or a gateway to several units."""
 
     bus_kind: ClassVar[str] = "modbus_tcp"
@@ -64,3 +82,5 @@ class ModbusOptions(Section):
 
     address_offset: int = Field(default=0, ge=0, le=65535)
     """Added to every address of the profile: the position of a module in a coupler's process image."""
+    rest_ms: int = Field(default=0, ge=0, le=2000)
+    """After each answer this unit is not asked for this long. By default the gateway finds out what it needs."""

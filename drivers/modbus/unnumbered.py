@@ -22,7 +22,7 @@ class UnnumberedTcpBus(RtuFramedBus):
 
     def __init__(self, name: str, settings: ModbusTcpSettings, tap: Tap | None = None) -> None:
         stream = _AsOnALine(TcpStream(name, settings.host, settings.port, tap))
-        super().__init__(name, stream, settings.timeout_s, local_echo=False, gap_s=0.0, pause_s=_PAUSE_S)
+        super().__init__(name, settings, stream, local_echo=False, gap_s=0.0, pause_s=_PAUSE_S)
 
     def other_master(self) -> str:
         """A connection has none."""

@@ -3,10 +3,10 @@
 import asyncio
 import logging
 import math
-from collections.abc import Iterator
+from collections.abc import Awaitable, Iterator
 from contextlib import contextmanager
 
-from drivers.base import Bus, Driver, LimitedBus
+from drivers.base import Bus, Driver, Learns, LimitedBus, SharedServer
 from gateway.acquisition.line import Line
 from gateway.model.codes import NoticeCode
 from gateway.model.text import Text
@@ -33,6 +33,9 @@ class PolledBus:
         self._bus, self._limit_s = line.bus, line.read_limit_s
         self.subject = Text(NoticeCode.BUS, name=line.bus.name)
         """Its name in reports."""
+        self.learns = isinstance(line.bus, Learns)
+        """Whether it finds out how its devices want to be asked."""
+        self._shared = line.bus if isinstance(line.bus, SharedServer) else None
         self._limited = line.bus if isinstance(line.bus, LimitedBus) else None
         self.is_limited = self._limited is not None
         """Whether the bus can be told when the time for a request ends."""
@@ -66,6 +69,11 @@ class PolledBus:
             raise
         self.is_open, self.answers, self._opened_s = True, False, now_s
 
+    async def end_period(self) -> None:
+        """Leave its server to others, if the bus may be told."""
+        if self.is_open and self._shared is not None:
+            await _tried(self._shared.end_period())
+
     async def close(self) -> None:
         """Close the bus, even if it is closed already."""
         self.is_open = False
@@ -74,10 +82,14 @@ class PolledBus:
 
 async def close(what: Bus | Driver) -> None:
     """Close it; an error in closing is only logged."""
+    await _tried(what.close())
+
+
+async def _tried(closing: Awaitable[None]) -> None:
     try:
         async with asyncio.timeout(_CLOSE_LIMIT_S):
-            await uncancelled(what.close())
+            await uncancelled(closing)
     except MemoryError:
         raise
     except Exception:
-        log.debug("closing %s", what, exc_info=True)
+        log.debug("%s", closing, exc_info=True)

@@ -1,5 +1,6 @@
 """Reads the devices of a line once: `probe` and `scan` show the values that `run` would take."""
 
+import asyncio
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import count
@@ -8,6 +9,9 @@ from drivers.base import Reading
 from gateway.acquisition.line import Line
 from gateway.acquisition.runner import BusRunner
 from gateway.runtime.clocks import ServiceClock
+
+_APART_S = 0.25
+"""Between such readings."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,19 +27,27 @@ class DeviceAnswer:
     """Why it did not answer; None also if its bus could not be opened."""
 
 
-async def read_once(line: Line, clock: ServiceClock, *, keep_open: bool = False) -> list[DeviceAnswer]:
+async def read_once(
+    line: Line, clock: ServiceClock, *, keep_open: bool = False, learns: bool = False
+) -> list[DeviceAnswer]:
     """Read every device of the line, one after the other. Errors of a bus or device are not raised.
 
     keep_open: the bus was open and is to stay open, as far as the devices allow
+    learns: read them several times if one cannot be read though something is heard, or might be soon, so that the bus
+        finds out why
     """
     readings: dict[str, Reading] = {}
 
     def take(some: Sequence[Reading]) -> None:
         readings.update((reading.channel, reading) for reading in some)
 
+    began_s = clock.monotonic()
     runner = BusRunner(line, clock, take, lambda _: None, count(1).__next__, quiet=True)
     try:
         await runner.once()
+        while learns and runner.may_learn(began_s):
+            await asyncio.sleep(_APART_S)
+            await runner.once()
     finally:
         if keep_open:
             await runner.close_devices()

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from drivers.base import DriverError, NoAnswer, Reading, SharedLine
+from drivers.base import DriverError, Learns, NoAnswer, Reading, SharedLine
 from gateway.acquisition.line import Line
 from gateway.acquisition.pace import Pace
 from gateway.model.codes import NoticeCode
@@ -16,6 +16,7 @@ class LineReports:
     def __init__(self, line: Line, problems: Problems) -> None:
         self._bus, self._limit_s, self._problems = line.bus.name, line.read_limit_s, problems
         self._shared = line.bus if isinstance(line.bus, SharedLine) else None
+        self._learns = line.bus if isinstance(line.bus, Learns) else None
         self._pace = Pace(line.period_s)
         self._period, self._wire = (Text(code, name=self._bus) for code in (NoticeCode.BUS_PERIOD, NoticeCode.BUS_LINE))
         self._channels: dict[str, Text] = {}
@@ -68,6 +69,19 @@ class LineReports:
             self._problems.clear(self._period, NoticeCode.BUS_IN_TIME, bus=self._bus)
         if self._shared is not None:
             self._shared_by(self._shared)
+        if self._learns is not None:
+            self._learnt_by(self._learns)
+
+    def _learnt_by(self, bus: Learns) -> None:
+        try:
+            learnt = bus.learnt()
+        except MemoryError:
+            raise
+        except Exception as error:  # noqa: BLE001 - likewise
+            self.failed(self._wire, error)
+            return
+        for text in learnt:
+            self._problems.tell(self._wire, text)
 
     def _shared_by(self, line: SharedLine) -> None:
         try:

@@ -39,6 +39,10 @@ _RESERVE_S = 0.05
 """The part of the period that is reserved for such an answer to arrive."""
 
 
+_LEARNS_S = 10.0
+"""How long devices are read again and again to find out how they want to be asked."""
+
+
 @dataclass(slots=True)
 class _Unsure:
     """A device that did not answer in this period and may be asked again."""
@@ -114,11 +118,20 @@ class BusRunner:
             else:
                 self._publish_fault(device)
 
+    def may_learn(self, since_s: float) -> bool:
+        """After `once`, the first at `since_s`: whether its bus may find out more about a device that was not read."""
+        now_s = self._clock.monotonic()
+        if not self._bus.learns or not any(isinstance(device.error, NoAnswer | Busy) for device in self.devices):
+            return False
+        return self._bus.settles(now_s) or (
+            any(device.heard for device in self.devices) and now_s - since_s < _LEARNS_S
+        )
+
     async def _greet(self) -> None:
         """Before the first period, connect the devices: nobody knows yet how long one takes, so one that is silent
         costs its full time. Then it would come between the first readings of the others."""
         began_s = self._clock.monotonic()
-        if len(self.devices) == 1 or not await self._open_bus(began_s):
+        if not await self._open_bus(began_s) or len(self.devices) == 1:
             return
         for device in self.devices:
             try:
@@ -158,6 +171,7 @@ class BusRunner:
         if not (self._bus.settles(due) or any(device.heard for device in self.devices)):
             # No device answers: the connection itself may be at fault (half-open TCP, adapter unplugged).
             await self.close()
+        await self._bus.end_period()
 
     def _wavered_lately(self, device: PolledDevice) -> float:
         """Sort key of the healthy devices: the one that failed most recently is asked last."""

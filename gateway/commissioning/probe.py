@@ -2,13 +2,14 @@
 
 import asyncio
 import time
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from math import isnan
 
 from rich.table import Table
 
-from drivers.base import DriverError, Quality
+from drivers.base import DriverError, Learns, Quality
 from drivers.nc import NumericalControl, TriesWriting
 from gateway.acquisition.build import lines_of
 from gateway.acquisition.line import Line
@@ -37,7 +38,8 @@ def show(config: GatewayConfig, *, try_writing: bool = False) -> bool:
 
     try_writing: writes back to the control what is there; otherwise nothing is written
     """
-    rows = asyncio.run(_rows(config, try_writing=try_writing))
+    lines = lines_of(config, RealClock())
+    rows = asyncio.run(_rows(config, lines, try_writing=try_writing))
     table = Table("bus", "device", "channel", "value", "quality", "latency", title=config.machine.name)
     for row in rows:
         latency = "" if row.latency_ms is None else f"{row.latency_ms:.1f} ms"
@@ -54,13 +56,16 @@ def show(config: GatewayConfig, *, try_writing: bool = False) -> bool:
     console.print(table)
     for detail in dict.fromkeys(row.detail for row in rows if row.detail):  # a silent device is one problem, not six
         console.print(f"- {detail}", style="red", highlight=False, soft_wrap=True)
+    for line in lines:
+        for text in line.bus.learnt() if isinstance(line.bus, Learns) else ():
+            console.print(f"- {text}", highlight=False, soft_wrap=True)
     bad = sum(not row.quality.usable for row in rows)
     console.print(f"{len(rows) - bad} of {len(rows)} good")
     return bad == 0
 
 
-async def _rows(config: GatewayConfig, *, try_writing: bool) -> list[_ProbedRow]:
-    per_line = await asyncio.gather(*(_line(line) for line in lines_of(config, RealClock())))
+async def _rows(config: GatewayConfig, lines: Sequence[Line], *, try_writing: bool) -> list[_ProbedRow]:
+    per_line = await asyncio.gather(*map(_line, lines))
     rows = [row for line in per_line for row in line]
     return rows + await _nc(config, try_writing=try_writing)
 
@@ -68,7 +73,7 @@ async def _rows(config: GatewayConfig, *, try_writing: bool) -> list[_ProbedRow]
 async def _line(line: Line) -> list[_ProbedRow]:
     """The devices of one bus, one after the other; buses are read concurrently."""
     rows: list[_ProbedRow] = []
-    for answer in await read_once(line, RealClock()):
+    for answer in await read_once(line, RealClock(), learns=True):
         latency = None if answer.took_s is None else answer.took_s * 1e3
         for r in answer.readings:
             value = "" if isnan(r.value) else f"{number_text(r.value)} {r.unit}"

@@ -16,7 +16,9 @@ def event_of(kind: EventKind, text: Text, value: float | None = None) -> Event:
 
 
 def problem_event(notice: Notice) -> Event:
-    """A problem that began or ended, as an event; its values have the subject too."""
+    """A notice as an event; a problem's values have the subject too."""
+    if notice.is_fact:
+        return event_of(EventKind.OPERATOR, notice.text)
     kind = EventKind.PROBLEM_ENDED if notice.ended else EventKind.PROBLEM
     return replace(event_of(kind, notice.text), values={"subject": notice.subject, **notice.values})
 

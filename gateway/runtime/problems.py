@@ -78,6 +78,8 @@ class Problems:
         self._clock, self._notify, self._log, self._most, self._quiet = clock, notify, log, most, quiet
         self._window_s = max(_STEADY_S, _STEADY_PERIODS * period_s)
         self._subjects: dict[str, _SubjectHistory] = {}
+        self._told: set[str] = set()
+        """The facts."""
         self._traced: set[tuple[str, str, int]] = set()
         """Where the unexpected exceptions arose whose traceback is in the log."""
 
@@ -121,6 +123,15 @@ class Problems:
         if first is not None or not self._quiet:
             self._log.warning("%s", text, exc_info=first)
         self._notify(Notice(subject, text, at_s=now_s))
+
+    def tell(self, subject: str, text: Text) -> None:
+        """This is so, and no problem. Call it whenever that is seen: it is reported once."""
+        if text in self._told:
+            return
+        self._told.add(text)
+        if not self._quiet:
+            self._log.info("%s", text)
+        self._notify(Notice(subject, text, is_fact=True, at_s=self._clock.monotonic()))
 
     def _first_of(self, bug: BaseException | None) -> BaseException | None:
         """The same, unless one of its kind and place has been logged."""

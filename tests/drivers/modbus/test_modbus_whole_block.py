@@ -90,6 +90,20 @@ async def test_a_whole_that_is_refused_is_not_divided(tmp_path: Path) -> None:
     assert other == (100.0, "1")
 
 
+async def test_a_block_of_the_profile_that_is_returned_only_as_a_whole_is_found(tmp_path: Path) -> None:
+    """Also after another unit has been there, which returns parts."""
+    text = PROFILE.replace(f"addresses = [{FIRST + 3}, {FIRST + 15}]", f"address = {FIRST}\nchannels = {COUNT}")
+    async with modbus_host(meter, 0.5) as bus:
+        driver = make_device("meter", bus, written(tmp_path, text), 1, {"a": 3, "b": 15, "c": 20}, {}, SystemClock())
+        for _ in range(2):
+            await driver.connect()
+            for _ in range(8):
+                readings = await driver.read()
+            assert list(told(readings)) == [(13.0, "1"), (25.0, "1"), (100.0, "1")]
+            assert [text.code for text in bus.learnt()] == ["modbus_whole"]
+            await driver.close()
+
+
 def test_one_that_is_longer_than_an_answer_is_refused(tmp_path: Path) -> None:
     with refusing(SetupError, "whole[0].count: modbus_whole_long"):
         load_profile(written(tmp_path, "max_registers = 10\n" + PROFILE + WHOLE))
