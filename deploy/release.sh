@@ -6,7 +6,8 @@
 # Source archive; wheels for x86-64 and aarch64, for Python 3.11 and for 3.12 and later; Debian packages for this
 # computer, and for arm64 where Debian's cross compiler is; the list of components; SHA256SUMS. Needs python3.11, and
 # python3.12 or later with their headers, what deploy/debian/build.sh needs, and for the Debian packages' trial root and
-# mmdebstrap. What is missing is left out, and the last lines say so; what fails ends it with 1.
+# mmdebstrap; for arm64 elsewhere also arch-test and qemu-user-static. What is missing is left out, and the last lines
+# say so; what fails ends it with 1.
 set -uo pipefail
 cd "$(dirname "$0")/.."
 
@@ -55,8 +56,10 @@ installs() {
             "$here/bin/python" -c 'import talc.learner, talc._kernel, simulators.devices')
 }
 
-debian_installs() {
-    mmdebstrap --variant=minbase --include=python3,libstdc++6,passwd --format=null \
+debian_installs() {  # its architecture, packages
+    local architecture=$1
+    shift
+    mmdebstrap --architectures="$architecture" --variant=minbase --include=python3,libstdc++6,passwd --format=null \
         --customize-hook='mkdir "$1/packages"' --customize-hook="copy-in $* /packages" \
         --customize-hook='chroot "$1" sh -c "dpkg --install /packages/*.deb"' \
         --customize-hook='chroot "$1" talc-gateway check /etc/talc-gateway/gateway.toml' \
@@ -78,7 +81,7 @@ if command -v aarch64-linux-gnu-g++ >/dev/null; then
 else
     without "Debian packages for arm64" "no g++-aarch64-linux-gnu"
 fi
-without "installing what is for $([ "$(uname -m)" = aarch64 ] && echo x86-64 || echo aarch64)" "another kind of computer"
+without "wheels for $([ "$(uname -m)" = aarch64 ] && echo x86-64 || echo aarch64) into an empty Python" "another kind of computer"
 bill() { dpkg-deb --fsys-tarfile "$output"/talc-gateway_*_"$(dpkg --print-architecture)".deb |
     tar -xO ./usr/share/doc/talc-gateway/sbom.cdx.json >"$output/talc-gateway-$version.cdx.json"; }
 step "list of components" bill
@@ -95,11 +98,18 @@ for python in python3.11 python3.12 python3.13; do
 done
 step "source archive into an empty python3" installs python3 \
     "$output"/talc_gateway-*.tar.gz "$output"/talc_gateway_simulators-*.whl
-if [ "$(id -u)" = 0 ] && command -v mmdebstrap >/dev/null; then
-    step "Debian packages into an empty Debian" debian_installs "$output"/talc-gateway*_"$(dpkg --print-architecture)".deb
-else
-    without "Debian packages into an empty Debian" "needs root and mmdebstrap"
-fi
+for architecture in amd64 arm64; do
+    packages=("$output"/talc-gateway*_"$architecture".deb) what="Debian packages for $architecture into an empty Debian"
+    if [ ! -e "${packages[0]}" ]; then
+        without "$what" "not built"
+    elif [ "$(id -u)" != 0 ] || ! command -v mmdebstrap >/dev/null; then
+        without "$what" "needs root and mmdebstrap"
+    elif [ "$architecture" != "$(dpkg --print-architecture)" ] && ! arch-test "$architecture" >/dev/null 2>&1; then
+        without "$what" "needs arch-test and qemu-user-static"
+    else
+        step "$what" debian_installs "$architecture" "${packages[@]}"
+    fi
+done
 (cd "$output" && rm -f SHA256SUMS && sha256sum -- * >SHA256SUMS)
 printf '\n%s\n' "$output"
 (cd "$output" && ls -lh | awk 'NR > 1 { print $5 "\t" $9 }')
