@@ -51,7 +51,9 @@ def test_golden_cases(case: str) -> None:
 
 def test_examples_of_the_documentation_are_right(tmp_path: Path) -> None:
     pages = (Path(__file__).parents[2] / "docs" / name for name in ("devices.md", "own-profile.md", "wire-log.md"))
+    io_link = (Path(__file__).parents[2] / "examples" / "io-link").glob("*.toml")
     text = "".join(page.read_text(encoding="utf-8") for page in pages)
+    text += "".join(f"```toml\n{file.read_text(encoding='utf-8')}```" for file in io_link)
     dbc = 'VERSION ""\nBU_: L\nBO_ 768 Temperatures1: 8 L\n SG_ T1 : 0|16@1- (0.1,0) [-200|850] "degC" L\n'
     (tmp_path / "logger.dbc").write_text(dbc, encoding="ascii")
     path = tmp_path / "own.toml"

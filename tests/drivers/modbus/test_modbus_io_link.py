@@ -1,4 +1,4 @@
-"""IO-Link masters as docs/own-profile.md describes them, on another maker's Modbus server (pymodbus)."""
+"""IO-Link masters as the profiles in examples/io-link describe them, on another maker's Modbus server (pymodbus)."""
 
 from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import asynccontextmanager
@@ -16,28 +16,18 @@ from tests.benches.manual_clock import ManualClock
 
 pytestmark = pytest.mark.simulated_time
 
-PAGE = Path(__file__).parents[3] / "docs" / "own-profile.md"
-
-
-def recipe(maker: str) -> str:
-    """The profile of the page's section "By Modbus TCP: <maker>..."."""
-    section = PAGE.read_text(encoding="utf-8").split(f"## By Modbus TCP: {maker}")[1]
-    return section.split("```toml\n")[1].split("```")[0]
+FOLDER = Path(__file__).parents[3] / "examples" / "io-link"
 
 
 @asynccontextmanager
-async def master(
-    maker: str, folder: Path, words: Mapping[int, int], channels: int
-) -> AsyncIterator[tuple[ModbusTcpServer, Driver]]:
-    """A server with these registers, and 0 in those around them, read with the page's profile."""
+async def master(maker: str, words: Mapping[int, int], channels: int) -> AsyncIterator[tuple[ModbusTcpServer, Driver]]:
+    """A server with these registers, and 0 in those around them, read with that maker's profile."""
     last = max(words) + 40
     memory = SimData(0, values=[words.get(address, 0) for address in range(last)], datatype=DataType.REGISTERS)
     port = free_port()
-    path = folder / "master.toml"
-    path.write_text(recipe(maker), encoding="utf-8")
     bus = make_bus("tcp1", "modbus_tcp", {"host": "127.0.0.1", "port": port})
     names = {f"port{number + 1}": number for number in range(channels)}
-    device = make_device("master", bus, str(path), 1, names, {}, ManualClock())
+    device = make_device("master", bus, str(FOLDER / f"{maker}.toml"), 1, names, {}, ManualClock())
     server = ModbusTcpServer(SimDevice(1, memory), address=("127.0.0.1", port))
     await server.serve_forever(background=True)
     try:
@@ -55,12 +45,12 @@ def told(readings: Sequence[Reading]) -> list[float | str]:
     return [round(r.value, 6) if r.quality is Quality.GOOD else r.detail for r in readings]
 
 
-async def test_ifm_says_of_each_port_whether_its_temperature_is_valid(tmp_path: Path) -> None:
+async def test_ifm_says_of_each_port_whether_its_temperature_is_valid() -> None:
     ports = {1: (0x01, 234), 2: (0x01, -33), 3: (0x03, 234), 4: (0x05, 234), 5: (0x00, 0), 6: (0x09, 234)}
     ports |= {7: (0x21, 234), 8: (0x51, 215)}  # too short; wrong cycle time and output length, which do not matter
     words = {1000 * port + 1: status for port, (status, _) in ports.items()}
     words |= {1000 * port + 2: value & 0xFFFF for port, (_, value) in ports.items()}
-    async with master("ifm", tmp_path, words, 8) as (server, device):
+    async with master("ifm", words, 8) as (server, device):
         assert told(await device.read()) == [
             23.4,
             -3.3,
@@ -82,11 +72,11 @@ async def test_ifm_says_of_each_port_whether_its_temperature_is_valid(tmp_path: 
         assert told(await device.read())[0] == 23.5
 
 
-async def test_turck_has_one_bit_of_validity_for_each_port(tmp_path: Path) -> None:
+async def test_turck_has_one_bit_of_validity_for_each_port() -> None:
     values = (234, -33, 0, 215, 1501, -501, 8191, -8192)
     words = {2 + 16 * i: (value << 2 & 0xFFFF) | i % 4 for i, value in enumerate(values)}  # with switching outputs
     words[1] = 0b01_01_01_01_01_00_11_01  # port 3 is not valid; the bits between mean something else
-    async with master("Turck", tmp_path, words, 8) as (server, device):
+    async with master("turck", words, 8) as (server, device):
         invalid = "the process data of the port is not valid"
         out = ["150.1", "-50.1", "819.1", "-819.2"]
         assert told(await device.read()) == [
@@ -100,12 +90,12 @@ async def test_turck_has_one_bit_of_validity_for_each_port(tmp_path: Path) -> No
         assert told(await device.read()) == [invalid, invalid, invalid, 21.5, *[invalid] * 4]
 
 
-async def test_comtrol_says_of_each_port_whether_it_communicates(tmp_path: Path) -> None:
+async def test_comtrol_says_of_each_port_whether_it_communicates() -> None:
     ports = ((0x06, 234), (0x02, 234), (0x01, 0), (0x0E, 234))
     words = {999 + 1000 * i: status << 8 | 0x5A for i, (status, _) in enumerate(ports)}  # digital inputs below it
     words |= {1000 + 1000 * i: 0x1234 for i in range(4)}  # an event
     words |= {1001 + 1000 * i: value for i, (_, value) in enumerate(ports)}
-    async with master("Pepperl+Fuchs", tmp_path, words, 4) as (_, device):
+    async with master("comtrol", words, 4) as (_, device):
         assert told(await device.read()) == [
             23.4,
             "the process data is not valid",
@@ -118,10 +108,10 @@ RAWS = (0, 1, 234, 0x0FFF, 0x7FFC, 0x7FFF, 0x8000, 0xEA00, 0xFFFF)
 """What a sensor, or a master without one, may leave in its register."""
 
 
-async def test_ifm_no_port_is_good_unless_its_status_says_so(tmp_path: Path) -> None:
+async def test_ifm_no_port_is_good_unless_its_status_says_so() -> None:
     """Every status of its low byte, eight at a time: good is bit 0 without the others that matter."""
     words = {1000 * port + place: 0 for port in range(1, 9) for place in (1, 2)}
-    async with master("ifm", tmp_path, words, 8) as (server, device):
+    async with master("ifm", words, 8) as (server, device):
         for value in (234, 0x7FFC, 0xEA00):
             for first in range(0, 0x100, 8):
                 for port in range(1, 9):
@@ -132,9 +122,9 @@ async def test_ifm_no_port_is_good_unless_its_status_says_so(tmp_path: Path) -> 
                     assert not is_good or reading.value == pytest.approx(23.4)
 
 
-async def test_turck_no_port_is_good_without_its_bit(tmp_path: Path) -> None:
+async def test_turck_no_port_is_good_without_its_bit() -> None:
     words = dict.fromkeys(range(1, 2 + 16 * 8), 0)
-    async with master("Turck", tmp_path, words, 8) as (server, device):
+    async with master("turck", words, 8) as (server, device):
         for raw in RAWS:
             for port in range(8):
                 await server.async_setValues(1, 16, 2 + 16 * port, [raw])
@@ -148,9 +138,9 @@ async def test_turck_no_port_is_good_without_its_bit(tmp_path: Path) -> None:
                     assert not is_good or reading.value == pytest.approx(degrees)
 
 
-async def test_comtrol_no_port_is_good_unless_it_communicates_and_is_valid(tmp_path: Path) -> None:
+async def test_comtrol_no_port_is_good_unless_it_communicates_and_is_valid() -> None:
     words = {999 + 1000 * port + place: 0 for port in range(4) for place in (0, 1, 2)}
-    async with master("Pepperl+Fuchs", tmp_path, words, 4) as (server, device):
+    async with master("comtrol", words, 4) as (server, device):
         for value in (234, 0xEA00):
             for first in range(0, 0x100, 4):
                 for port in range(4):
@@ -160,11 +150,11 @@ async def test_comtrol_no_port_is_good_unless_it_communicates_and_is_valid(tmp_p
                     assert (reading.quality is Quality.GOOD) == is_good, (status, value, reading)
 
 
-async def test_an_absent_status_is_not_a_good_one(tmp_path: Path) -> None:
+async def test_an_absent_status_is_not_a_good_one() -> None:
     """The map of another master, or one port fewer: an absent status cannot say that a value is valid."""
     words = {1000 * port + place: 234 for port in (1, 2) for place in (2,)}
     words |= {1001: 0x01}
-    async with master("ifm", tmp_path, words, 3) as (_, device):
+    async with master("ifm", words, 3) as (_, device):
         first, second, third = await device.read()
     assert told([first]) == [23.4]
     assert Quality.GOOD not in (second.quality, third.quality)

@@ -15,12 +15,7 @@ from tests.benches.npm_peer import node_with, running
 from tests.benches.opcua_drives import URI, Drives
 from tests.benches.refusals import refusing
 
-PAGE = Path(__file__).parents[3] / "docs" / "own-profile.md"
-
-
-def recipe() -> str:
-    """The profile of the page."""
-    return PAGE.read_text(encoding="utf-8").split("## By OPC UA")[1].split("```toml\n")[1].split("```")[0]
+PROFILE = Path(__file__).parents[3] / "examples" / "io-link" / "opcua.toml"
 
 
 def told(readings: Sequence[Reading]) -> list[float | tuple[str, str]]:
@@ -39,13 +34,11 @@ async def say(process: Process, line: str) -> None:
 
 @pytest.mark.peer
 async def test_process_data_of_two_devices(tmp_path: Path) -> None:
-    profile = tmp_path / "iolink.toml"
-    profile.write_text(recipe(), encoding="utf-8")
     node = node_with("node_opcua", "node-opcua")
     arguments = (tmp_path / "pki", "oil=00EA", "bearing=ABCDFF7F")
     async with running(node, "node_opcua/io_link.js", *arguments) as (url, process):
         bus = make_bus("opc1", "opcua", {"url": url, "security": "none", "timeout_s": 60.0})
-        device = make_device("iolink", bus, str(profile), 1, {"oil": 0, "bearing": 1}, {}, SystemClock())
+        device = make_device("iolink", bus, str(PROFILE), 1, {"oil": 0, "bearing": 1}, {}, SystemClock())
         try:
             await bus.connect()
             await device.connect()
