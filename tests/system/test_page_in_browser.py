@@ -207,7 +207,7 @@ def test_the_tolerance_and_the_point_are_this_browsers_and_the_keyboard_is_enoug
             expect(page.locator("input[name=tolerance]")).to_have_value("8")
             expect(page.locator("#axes [data-axis=Y] [data-of=half]")).to_have_text(before)
         with rig.page("/machine/mill", locale="de-DE") as page:
-            expect(page.locator("#waits-title")).to_have_text("Worauf sie wartet")
+            expect(page.locator("#waits-title")).to_have_text("Worauf das Gateway wartet")
             expect(page.locator("#axes [data-axis=Y] [data-of=half]")).to_have_text(before.replace(".", ","))
             page.emulate_media(media="print")
             expect(page.locator("form")).to_be_hidden()

@@ -65,7 +65,7 @@ const show = () => {
   const ends = [-Math.max(...stacked(-1)), Math.max(...stacked(1))];
   $("day-axes").replaceChildren(...AXES.map((axis, i) => {
     const row = make("div", undefined, "day-axis"), scale = make("p", undefined, "note");
-    scale.append(make("span", amount({ n: ends[1], d: 0, sign: true })), make("span", amount({ n: ends[0], d: 0, sign: true })));
+    scale.append(...ends.map((n) => make("span", -ends[0] < ends[1] / 4 && n < 0 ? "0" : amount({ n, d: 0, sign: true }))).reverse());
     row.append(make("h4", axis), scale, draw(shown, list, i, ends));
     return row;
   }));

@@ -9,7 +9,7 @@ import { hear } from "./past.js";
 import { showSensors } from "./sensors.js";
 import { day, exact, sentence, setToday, time, whole, word } from "./words.js";
 import { showWhen } from "./when.js";
-import { showWhy } from "./why.js";
+import { mostMoved, showWhy } from "./why.js";
 
 // The day is the gateway's present one in this browser's zone, until somebody chooses another.
 let chosenDay = false;
@@ -44,14 +44,17 @@ const orders = (notices) => {
   found.append(...say(notices, "notice"));
   return found;
 };
-const list = (rows) => {
+const list = (rows, most) => {
   const found = make("dl");
+  if (most) found.append(make("dt", word("moves.most")), make("dd", most));
   found.append(...rows.flatMap((row) => [make("dt", word(row.label)), make("dd", sentence(row.said))]));
   return found;
 };
 export const showWord = (colour, key) => {
   paint($("ready"), colour);
   put($("word"), word(key));
+  paint($("badge"), colour);
+  put($("badge").firstChild, word(key));
   $("word").classList.toggle("long", word(key).length > LONG_WORD);
   document.title = `${word(key)} · ${machine}`;
 };
@@ -72,11 +75,13 @@ export const showMachine = (v) => {
   }
   put($("failed"), verdict.failed ? sentence(verdict.failed) : "");
   put($("since"), verdict.since ? word(verdict.before ? "since.before" : "since.at").replace("{at}", time(verdict.since)) : "");
+  showWhy(v);
+  const most = v.alive ? mostMoved() : null;
   const next = v.alive ? v.waits.filter((row) => NEXT.includes(row.label)) : [];
   draw("todo", verdict.because, () => say(verdict.because.filter((each) => each.say.startsWith("do.")), "afar"));
-  draw("helps", [v.notices, verdict.helps, next], () => {
+  draw("helps", [v.notices, verdict.helps, next, most], () => {
     const said = (far) => verdict.helps.filter((help) => AFAR.test(help.say) === far).map((help) => make("p", sentence(help), far ? "afar" : undefined));
-    return [orders(v.notices), ...said(true), list(next), ...said(false)];
+    return [orders(v.notices), ...said(true), list(next, most), ...said(false)];
   });
   showBars(v.axes, v.tolerance_um);
   keepTolerance(v.tolerance_um);
@@ -84,7 +89,6 @@ export const showMachine = (v) => {
   showModel(v, sphere(), point().slice(3), v.alive);
   if (v.alive && v.gateway_time) hear(v.channels, Date.parse(v.gateway_time) / 1e3);
   showSeries(v.channels);
-  showWhy(v);
   showLastDay(v);
   draw("tool-notes", v.tool_notes, () => say(v.tool_notes, "note"));
   showWhen(v);

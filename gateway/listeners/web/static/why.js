@@ -77,6 +77,12 @@ export const axisRow = (errors, i) => {
   }
   return { name: AXES[i], unit: "µm", total: tenths(total), key: AXES[i], parts: even([...found.values()], total) };
 };
+// The axis that is moved most now, and by what; null: not known.
+export const mostMoved = () => {
+  const rows = AXES.map((_, i) => axisRow(errorsNow(latest), i)), worst = rows.reduce((a, b) => (Math.abs(b.total) > Math.abs(a.total) ? b : a));
+  const first = ranked(worst.parts).find((p) => !OWN.includes(p.key)), said = (n) => amount({ n, d: 1, sign: true });
+  return first ? `${first.key} ${said(first.n)} (${worst.name} ${said(worst.total)}\u202fµm)` : null;
+};
 const show = () => {
   if (!latest) return;
   const errors = moment === null ? errorsNow(latest) : then ?? [];
