@@ -52,6 +52,8 @@ _ONE_RUN = "The paper's Table 3 differs from the means in its Table 4, as a sing
 _NOT_ASKED = "not in it"
 _SINGLE = "Static against adaptive inputs in a single run: pso (the paper's Figs. 9 to 13)"
 Pairing = tuple[str, str]
+_OVER_TIME = (("pso", "adaptive"), ("learner", "adaptive"))
+"""Drawn over the hours."""
 
 
 def report(runs: list[Run]) -> Report:
@@ -63,7 +65,7 @@ def report(runs: list[Run]) -> Report:
     pictures: dict[Pairing, tuple[Picture, ...]] = {}
     for way, found in groups.items():
         drawn = next((r for r in found if "drawn" in r.result), None)
-        if drawn is not None and way[1] == "adaptive":
+        if drawn is not None and way in _OVER_TIME:
             blocks = (course_of(drawn), chosen_of(drawn)) if drawn.result["inputs"] else (course_of(drawn),)
             pictures[way] = blocks
             over_time.append(PageSection(f"Over time: {_name(way)}, first repetition", blocks))

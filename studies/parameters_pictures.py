@@ -81,7 +81,9 @@ def dots(rows: Rows) -> Figure:
         ax.axhline(TARGET_UM, color="#b91c1c", lw=0.8, ls="--")
         ax.set_title(f"load case {case}", fontsize=9)
         ax.set_ylim(0, _HIGHEST_UM)
-    axes[0][0].legend(loc="upper right", fontsize=7.5, frameon=False)
+    made.legend(
+        *axes[0][0].get_legend_handles_labels(), loc="outside lower center", ncols=3, markerscale=2, frameon=False
+    )
     for row in axes:
         row[0].set_ylabel("P99, µm")
     for ax in axes[-1]:

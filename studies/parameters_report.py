@@ -59,7 +59,7 @@ def report(runs: list[Run]) -> Report:
     chosen = elsewhere(runs)
     sections = (
         PageSection(
-            "Best sets (the paper's Tables 2 and 3)",
+            "Best sets, beside the paper's Tables 2 and 3",
             (f"{count:,} simulations.", _best_table(cases, fixed), _common_table(cases, fronts)),
         ),
         PageSection(
@@ -82,9 +82,9 @@ def report(runs: list[Run]) -> Report:
             ),
         ),
         PageSection(
-            "The paper's figures",
+            "What each parameter changes, as in the paper's figures",
             (
-                "The star is the paper's best common set.",
+                "The star is the paper's best common set, on its own load cases.",
                 over(fixed, "calibration_h", "SMAPE", "SMAPE of nine errors, %", "calibration, h"),
                 front(cases, fronts),
                 over(fixed, "interval_h", "RMSE", "RMSE of six position errors, µm", "interval, h"),

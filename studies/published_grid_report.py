@@ -80,7 +80,6 @@ def report(runs: list[Run]) -> Report:
             (*((over_time(updated),) if updated else ()), _updates_table(updated)),
         ),
         PageSection("Best sets (the paper's Table 2)", (f"{count:,} of 8,764 runs.{few}", _best_table(points))),
-        PageSection("The paper's common set (its Table 3)", (summary,)),
         PageSection("The paper, cell by cell", (f"{counted(beside)}. {CRITERION}", beside)),
     )
     return Report(_ASKED, summary, _claims(runs, points, updated), sections, _figures(runs))
