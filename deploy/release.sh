@@ -16,7 +16,8 @@ output=$(realpath -m "${1:-dist/$version}")
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 export PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_ROOT_USER_ACTION=ignore
-export ZIG_GLOBAL_CACHE_DIR="${ZIG_GLOBAL_CACHE_DIR:-$work/zig}"  # its C++ library is compiled once for both Pythons
+# Its C++ library is compiled once for both Pythons, if the compiler is at the same place.
+export ZIG_GLOBAL_CACHE_DIR="${ZIG_GLOBAL_CACHE_DIR:-$work/zig}" ZIG_FOLDER="${ZIG_FOLDER:-$work/zig-program}"
 mkdir -p "$output" "$work/log"
 rows=() failed=0
 

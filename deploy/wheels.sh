@@ -3,10 +3,10 @@
 #
 #   PYTHON=python3.12 deploy/wheels.sh [FOLDER]    default: dist
 #
-# PYTHON: 3.12 or later with its headers, pip and venv; with 3.11 the wheels are for 3.11 only. Everything comes from the locks in requirements/, by hash:
-# wheels.lock has the compiler, Zig, and abi3audit; build.lock the other tools. Zig compiles for x86-64 and for aarch64
-# on either, and says which glibc it needs. The headers are those of PYTHON for both: on 64-bit Linux the limited API
-# depends on nothing else in them.
+# PYTHON: 3.12 or later with its headers, pip and venv; with 3.11 the wheels are for 3.11 only. Everything comes from the
+# locks in requirements/, by hash: wheels.lock has the compiler, Zig, and abi3audit; build.lock the other tools. Zig
+# compiles for x86-64 and for aarch64 on either, and says which glibc it needs; ZIG_FOLDER keeps it for another run. The
+# headers are those of PYTHON for both: on 64-bit Linux the limited API depends on nothing else in them.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -22,12 +22,12 @@ minor=$("$python" -c 'import sys; print(sys.version_info[1])')
 "$python" -m venv "$work/build"
 pip=("$work/build/bin/python" -m pip)
 "${pip[@]}" install --quiet --require-hashes -r requirements/build.lock
-if [ "$minor" -ge 12 ]; then  # from which nanobind has a stable ABI
-    "${pip[@]}" install --quiet --require-hashes -r requirements/wheels.lock
-else
-    sed -n '/^ziglang==/,/# via/p' requirements/wheels.lock >"$work/zig.lock"
-    "${pip[@]}" install --quiet --require-hashes -r "$work/zig.lock"
-fi
+sed -n '/^ziglang==/,/# via/p' requirements/wheels.lock >"$work/zig.lock"
+sed '/^ziglang==/,/# via/d' requirements/wheels.lock >"$work/others.lock"
+zig=${ZIG_FOLDER:-$work/zig-program}
+[ -x "$zig/ziglang/zig" ] || "${pip[@]}" install --quiet --require-hashes --target "$zig" -r "$work/zig.lock"
+# From 3.12 on nanobind has a stable ABI.
+[ "$minor" -lt 12 ] || "${pip[@]}" install --quiet --require-hashes -r "$work/others.lock"
 mkdir "$work/source" "$work/wheels"  # a copy: an editable installation uses the tree's own build folder
 tar --exclude=./.git --exclude='./.[a-z]*' --exclude=./build --exclude=./dist --exclude=./out --exclude='*.so' -c . |
     tar -x -C "$work/source"
@@ -35,8 +35,8 @@ deploy/version.sh write "$work/source"
 cp "$work/source/pyproject.toml" "$work/pyproject.toml"
 
 for architecture in x86_64 aarch64; do
-    printf '#!/bin/sh\nexec "%s" -m ziglang c++ -target %s-linux-gnu.2.28 "$@"\n' \
-        "$work/build/bin/python" "$architecture" >"$work/zig-$architecture"
+    printf '#!/bin/sh\nexec "%s" c++ -target %s-linux-gnu.2.28 "$@"\n' "$zig/ziglang/zig" "$architecture" \
+        >"$work/zig-$architecture"
     chmod +x "$work/zig-$architecture"
     rm -rf "$work/source/build"
     suffix=.abi3.so
