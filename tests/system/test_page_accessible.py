@@ -47,7 +47,7 @@ def test_axe_finds_no_violation_in_any_state(settings: Path) -> None:
         gateway = played_mill(rig, settings)
         assert rig.web is not None
         with rig.page("/machine/lathe", *_DESKTOP, dark=dark, trusted=True) as page:
-            expect(page.locator("#word")).to_have_text("Never heard")
+            expect(page.locator("#word")).to_have_text("No contact")
             assert violations(page) == []
         with rig.page("/?all=1", *_PANEL, dark=dark, trusted=True) as machines:
             with rig.page("/machine/mill", *_PHONE, dark=dark, trusted=True) as page:

@@ -229,7 +229,7 @@ def test_a_gateway_that_is_killed_looks_gone_and_one_that_comes_back_begins_agai
         with rig.page("/machine/mill") as page, rig.page("/?all=1") as machines:
             expect(page.locator("#word")).to_have_text("No data yet")
             for by_week in ("#weeks-empty", "#sensitivity-empty"):
-                expect(page.locator(by_week)).to_contain_text("once the gateway has been heard")
+                expect(page.locator(by_week)).to_contain_text("once the gateway has sent a message")
             mill.say("")
             expect(page.locator("#axes .bar").first).to_be_attached()
             lathe.say("")
@@ -240,7 +240,7 @@ def test_a_gateway_that_is_killed_looks_gone_and_one_that_comes_back_begins_agai
             )
             mill.kill()
             expect(page.locator("#word")).to_have_text("Gone")
-            expect(page.locator("#because")).to_contain_text("Last heard")
+            expect(page.locator("#because")).to_contain_text("Last message")
             expect(page.locator("[data-axis=Z] [data-of=left]")).to_have_text("–")
             assert page.evaluate("document.body.classList.contains('past')")
             picture(page, "page-gone")
