@@ -7,7 +7,7 @@ import asyncio
 import logging
 import math
 import queue
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from itertools import cycle
@@ -64,6 +64,7 @@ class CanOpenBus:
         self._doubtful: set[int] = set()
         self._never_values = cycle(_NEVER_VALUES)
         self._events: dict[int, NodeEvents] = {}
+        self._unwatched: dict[int, Text] = {}
         self._fitting: dict[int, FittingAnswers] = {}
         self._frames = LatestFrames()
         self._synchronised_s = 0.0
@@ -144,6 +145,17 @@ class CanOpenBus:
         """
         return await self._in_thread(
             lambda: self._await_frames(device, node, identifiers, oldest_s, until_s, Text("canopen_not_on_timer"))
+        )
+
+    def learnt(self) -> Collection[Text]:
+        """The nodes of which nothing says that their firmware still runs."""
+        return self._unwatched.values()
+
+    def unwatched(self, node: int, producer_s: float) -> None:
+        """No heartbeat of the node is expected, or none has ever come; producer_s: as it states, 0: it sends none."""
+        code = "canopen_never_beats" if producer_s else "canopen_no_heartbeat"
+        self._unwatched.setdefault(
+            node, Text(code, bus=self.name, node=node, **({"s": producer_s} if producer_s else {}))
         )
 
     def events(self, node: int) -> NodeEvents:

@@ -103,6 +103,13 @@ class HeartbeatWatch:
         self._lost = 0.0 < self._limit_s < silent_s
         return silent_s if self._lost else None
 
+    def never_came_s(self, now_s: float) -> float:
+        """The time that the node states from one heartbeat to the next, if none has come for as long as is expected; 0:
+        one has, or may still."""
+        if self._demanded or self._events.beats or now_s - self._since_s < self._limit_s:
+            return 0.0
+        return self._producer_s
+
     @property
     def doubled(self) -> bool:
         """Whether heartbeats come about twice as often as the node states: two nodes have its id."""

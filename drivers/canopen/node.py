@@ -85,6 +85,8 @@ class NodeReader:
             every_s = {pdo.identifier: pdo.event_s for pdo in self._maps}
             await self._bus.start_node(self._device, self._node, every_s)
         self._ready, self._boots = True, boots
+        if not limit_s:
+            self._bus.unwatched(self._node, 0.0)
         demanded = self._heartbeat_s > 0
         self._heartbeat.begin(limit_s, monotonic(), demanded=demanded, producer_s=producer_s)
 
@@ -118,6 +120,8 @@ class NodeReader:
             return Fault(Quality.COMM_FAULT, what)
         if self._heartbeat.doubled:
             return Fault(Quality.COMM_FAULT, Text("canopen_heartbeats_doubled", node=self._node))
+        if (stated_s := self._heartbeat.never_came_s(now_s)) > 0:
+            self._bus.unwatched(self._node, stated_s)
         return _NO_HEARTBEAT if self._heartbeat.silent_s(now_s) is not None else None
 
     def ages_s(self, channels: Mapping[str, Sequence[CanObject]]) -> dict[str, float]:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.base import BadAnswer, Driver, DriverError, NoAnswer, SystemClock
+from drivers.base import BadAnswer, Driver, DriverError, Learns, NoAnswer, SystemClock
 from drivers.build import make_device
 from simulators.devices import Cia404Node, SlcanAdapter
 from simulators.devices.slcan_adapter import CanFrame
@@ -369,3 +369,24 @@ async def test_node_whose_heartbeat_never_comes_is_read() -> None:
         for _ in range(5):
             assert await values(driver) == [20.0]
             await asyncio.sleep(0.2)
+
+
+@pytest.mark.parametrize(("sends_ms", "code"), [(0, "canopen_no_heartbeat"), (50, "canopen_never_beats")])
+async def test_that_a_node_is_not_watched_is_told(sends_ms: int, code: str) -> None:
+    node = twin(20.0, heartbeat_ms=sends_ms)
+    node.heartbeat_stopped = True
+    adapter = SlcanAdapter([node])
+    bus = make_bus("can1", "canopen", {"interface": "slcan", "channel": await adapter.start(), "timeout_s": 0.2})
+    driver = make_device("node", bus, "cia404", ODD, {"c": 0}, {"vendor": "jumo"}, SystemClock())
+    node.start(adapter.send)
+    try:
+        await bus.connect()
+        for _ in range(4):
+            assert await values(driver) == [20.0]
+            await asyncio.sleep(0.1)
+        assert isinstance(bus, Learns)
+        assert [(text.code, text.value_of("node")) for text in bus.learnt()] == [(code, ODD)]
+    finally:
+        node.stop()
+        await bus.close()
+        await adapter.stop()
