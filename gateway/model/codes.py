@@ -299,6 +299,7 @@ class NoticeCode(StrEnum):
     CAN_LEFT_BUS = "can_left_bus"
     CAN_DOWN = "can_down"
     LINE_SHARED = "line_shared"
+    NAME_SHARED = "name_shared"
     FILE_ABSENT = "file_absent"
     SECRET_ABSENT = "secret_absent"
     FILE_UNREADABLE = "file_unreadable"

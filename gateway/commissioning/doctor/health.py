@@ -1,6 +1,7 @@
 """`talc-gateway doctor`: what is wrong around the gateway on this computer, why it matters, and what to do."""
 
 import os
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
@@ -14,6 +15,7 @@ from drivers.can.settings import CanInterfaceSettings
 from gateway.commissioning.doctor.credential_files import spoilt_file, unread_files
 from gateway.commissioning.doctor.kernel_files import kernel_text
 from gateway.commissioning.doctor.power import power
+from gateway.commissioning.scan.ports import has_own_name, sockets_of, usb_adapter
 from gateway.config.model import GatewayConfig
 from gateway.config.rules import cautions
 from gateway.config.telemetry_rules import credential_problems
@@ -81,6 +83,7 @@ def _found(config: GatewayConfig, root: Path, *, synchronised: bool) -> Iterator
     yield from power(root)
     yield from _can(config, root)
     yield from _other_programs(config, root)
+    yield from _shared_names(config, root)
     unread = unread_files(config)
     yield from unread.values()
     for caution in cautions(config):
@@ -158,6 +161,24 @@ def _other_programs(config: GatewayConfig, root: Path) -> Iterator[Text]:
         if len(processes) > 1:
             named = _named(root, processes)
             yield Text(NoticeCode.LINE_SHARED, bus=ports[port], port=port, n=len(processes), processes=named)
+
+
+def _shared_names(config: GatewayConfig, root: Path) -> Iterator[Text]:
+    """Serial ports whose by-id name several adapters that are plugged in have."""
+    sockets = sockets_of(root / "dev")
+    usb = {device: folder for device in sockets if (folder := usb_adapter(device, root / "sys")) is not None}
+    kinds = Counter(_kind(folder) for folder in set(usb.values()))
+    for bus in config.buses:
+        line = bus.serial_path
+        if line is None or "/serial/by-id/" not in line[1]:
+            continue
+        device = (root / line[1].removeprefix("/")).resolve()
+        if device in usb and not has_own_name(device, root / "sys") and kinds[_kind(usb[device])] > 1:
+            yield Text(NoticeCode.NAME_SHARED, bus=bus.name, port=line[1], socket=str(sockets[device]))
+
+
+def _kind(usb: Path) -> tuple[str, str]:
+    return kernel_text(usb / "idVendor"), kernel_text(usb / "idProduct")
 
 
 def _named(root: Path, processes: Iterable[str]) -> str:

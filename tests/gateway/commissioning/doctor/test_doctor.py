@@ -199,6 +199,34 @@ def test_a_user_who_does_not_see_other_users_programs_is_told_so(
         assert (texts("en")["doctor.unseen"] in capsys.readouterr().out) is told
 
 
+@pytest.mark.parametrize(
+    ("serial", "product", "shared"), [(False, "7523", True), (True, "7523", False), (False, "6001", False)]
+)
+def test_a_name_that_two_adapters_have_is_found(
+    serial: bool, product: str, shared: bool, root: Path, tmp_path: Path
+) -> None:
+    """Two adapters: of one kind, without and with serial numbers, and of two kinds."""
+    for name, of in (("ttyUSB0", "7523"), ("ttyUSB1", product)):
+        write(root / "dev" / name, "")
+        usb = root / "sys/devices" / f"of {name}"
+        write(usb / "idVendor", "1a86\n")
+        write(usb / "idProduct", f"{of}\n")
+        if serial:
+            write(usb / "serial", name)
+        (usb / "interface").mkdir()
+        link(root / "sys/class/tty" / name / "device", str(usb / "interface"))
+        link(root / "dev/serial/by-path" / f"socket {name}", f"../../{name}")
+    link(root / "dev/serial/by-id/ch340", "../../ttyUSB0")
+    write(tmp_path / "gateway.toml", TEXT.replace('port = "line"', 'port = "/dev/serial/by-id/ch340"'))
+    (*found_texts,) = found(load(tmp_path / "gateway.toml"), root)
+    assert bool(found_texts) is shared
+
+
+def link(file: Path, target: str) -> None:
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.symlink_to(target)
+
+
 @pytest.mark.parametrize(("other", "seen"), [("/dev/ptmx", False), ("/dev/null", True)])
 def test_a_program_that_plays_the_devices_of_a_line_is_not_a_second_program(
     other: str, seen: bool, config: GatewayConfig, root: Path, tmp_path: Path
