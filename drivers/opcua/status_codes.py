@@ -45,9 +45,6 @@ CERTIFICATE = frozenset(
         StatusCodes.BadSecurityChecksFailed,
         StatusCodes.BadSecurityPolicyRejected,
         StatusCodes.BadSecurityModeRejected,
-        StatusCodes.BadCertificateInvalid,
-        StatusCodes.BadCertificateUntrusted,
-        StatusCodes.BadCertificateTimeInvalid,
-        StatusCodes.BadCertificateUriInvalid,
+        *(code for name, code in vars(StatusCodes).items() if name.startswith("BadCertificate")),
     }
 )

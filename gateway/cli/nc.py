@@ -1,5 +1,6 @@
 """`talc-gateway nc`: writes the files for the control, and has its probing cycle run dry."""
 
+import socket
 from pathlib import Path
 
 import click
@@ -10,7 +11,7 @@ from gateway.cli.arguments import AnyFile, ConfigPath, FiniteNumber, read_config
 
 @click.group()
 def nc() -> None:
-    """Prepare the control: the files that go onto it, and the dry run of its probing cycle."""
+    """Prepare the control: the files that go onto it, the certificate, and the dry run of its probing cycle."""
 
 
 @nc.command("dry-run")
@@ -47,3 +48,24 @@ def sinumerik_files(config: Path, output: Path) -> None:
 
     path, actions = write_program(config, output)
     click.echo(f"{path}: {actions} synchronised actions. Call it at power on instead of TALC_START")
+
+
+@nc.command("certificate")
+@click.option("-o", "--output", type=click.Path(file_okay=False, exists=True, path_type=Path), default=Path(),
+              help="Folder. Default: this one.")  # fmt: skip
+@click.option("--host", default=socket.gethostname, help="Name of the gateway's computer. Default: this one's.")
+def certificate(output: Path, host: str) -> None:
+    """Make the gateway's certificate for OPC UA: gateway.der, and its key gateway_key.pem. It overwrites no file.
+
+    Copy gateway.der into the trusted certificates of the control or server; the key stays with the gateway.
+    """
+    from drivers.opcua.new_certificate import make_certificate
+
+    try:
+        files = make_certificate(output, host)
+    except FileExistsError as error:
+        raise click.UsageError(
+            f"{error.filename} is there already; a control that trusts it trusts no other"
+        ) from error
+    for file in files:
+        click.echo(file)

@@ -7,6 +7,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 from cryptography import x509
 from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import rsa
@@ -14,9 +15,12 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from drivers.base import DriverError, Quality, Refused, SetupError, SystemClock
 from drivers.build import make_device
+from drivers.opcua.certificates import key_cautions
+from drivers.opcua.new_certificate import make_certificate
 from drivers.problems import settings_of
 from drivers.sinumerik.control import Sinumerik
 from drivers.sinumerik.settings import SinumerikSettings
+from gateway.cli.main import main
 from gateway.runtime.clocks import RealClock
 from simulators.nc import Activity, DayPart, EmulatedControl, LoadCase, MeanLoads, Security, User
 from simulators.nc.access import APPLICATION_URI
@@ -83,7 +87,7 @@ class EncryptedSite:
 
 @pytest.fixture
 async def site(tmp_path: Path) -> AsyncIterator[EncryptedSite]:
-    ours, theirs = make_pair(tmp_path, "gateway", GATEWAY_URI), make_pair(tmp_path, "control", APPLICATION_URI)
+    ours, theirs = Pair(*make_certificate(tmp_path, "mill-7")), make_pair(tmp_path, "control", APPLICATION_URI)
     control = EmulatedControl(
         Rigid(),
         RealClock(),
@@ -167,6 +171,18 @@ async def test_nothing_readable_goes_over_the_wire(site: EncryptedSite) -> None:
     assert len(heard) > 2000
     assert b"secret" not in heard
     assert b"actToolBasePos" not in heard
+
+
+def test_the_command_makes_a_certificate_that_servers_accept_and_overwrites_none(tmp_path: Path) -> None:
+    args = ["nc", "certificate", "-o", str(tmp_path), "--host", "mill-7"]
+    made = CliRunner().invoke(main, args, catch_exceptions=False)
+    certificate, key = map(Path, made.output.split())
+    assert key.stat().st_mode & 0o777 == 0o600
+    found = x509.load_der_x509_certificate(certificate.read_bytes())
+    uses = found.extensions.get_extension_for_class(x509.KeyUsage).value
+    assert all((uses.digital_signature, uses.content_commitment, uses.key_encipherment, uses.data_encipherment))
+    assert not list(key_cautions(certificate, key))
+    assert CliRunner().invoke(main, args).exit_code == 2
 
 
 async def test_a_certificate_that_the_control_does_not_trust(site: EncryptedSite) -> None:
