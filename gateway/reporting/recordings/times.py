@@ -176,6 +176,8 @@ class Times:
         return ""
 
     def _why(self, back_s: float) -> str:
+        if self._clock.form not in ("", "excel") and not re.search("%[djcx]", self._clock.form):
+            return "; these are times of day: add a column of dates as --time, and give these as --time-of-day"
         return self._summer(back_s) or (
             "; sort the rows by their time, or, if another run begins here, name the column that differs between runs: "
             "--runs COLUMN"

@@ -200,6 +200,15 @@ def test_a_form_in_use_is_not_advised_again(tmp_path: Path) -> None:
     assert "--time-format" not in said
 
 
+def test_times_of_day_that_go_on_after_midnight_need_a_date_and_no_sorting(tmp_path: Path) -> None:
+    times = [f"{22 + i // 12:02}:{5 * (i % 12):02}" if i < 25 else f"00:{5 * (i % 12):02}" for i in range(ROWS)]
+    assert times[24] == "24:00"
+    path = written(tmp_path, lines("time;t1;EZ0T", times, ";"))
+    said = refusal(path, Columns(clock=TimeFormat("%H:%M")))
+    assert "--time-of-day" in said
+    assert "--runs" not in said
+
+
 def test_a_heading_that_is_written_again_is_one_message(tmp_path: Path) -> None:
     text = lines("time,t1,EZ0T")
     text[20:20] = text[30:30] = [text[0]]
