@@ -1,4 +1,7 @@
-"""Methods of others: a Gaussian process that recalibrates itself, gradient boosting, online linear models."""
+"""Methods of others: a Gaussian process that recalibrates itself, gradient boosting, online linear models.
+
+Their libraries are imported when they are used: scikit-learn alone takes two seconds of a processor.
+"""
 
 import warnings
 from collections.abc import Sequence
@@ -8,10 +11,6 @@ from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
-from sklearn.ensemble import HistGradientBoostingRegressor
-from sklearn.exceptions import ConvergenceWarning
-from sklearn.gaussian_process import GaussianProcessRegressor
-from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
 from benchmarks.recordings.methods import Given, Method, MethodCourse
 from benchmarks.recordings.regressions import Features, Refitted
@@ -35,6 +34,9 @@ class Process:
         self._renewed = 0
 
     def fit(self, x: FloatArray, y: FloatArray) -> None:
+        from sklearn.exceptions import ConvergenceWarning
+        from sklearn.gaussian_process import GaussianProcessRegressor
+
         renew = len(y) > self._renewed * (1.0 + _RENEWED)
         kernels = [_kernel(x.shape[1]) for _ in y.T] if renew else [each.kernel_ for each in self._fitted]
         self._renewed = len(y) if renew else self._renewed
@@ -55,6 +57,8 @@ class Process:
 
 
 def _kernel(features: int) -> Any:
+    from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
+
     return ConstantKernel(1.0, (1e-3, 1e3)) * RBF(np.ones(features), (1e-2, 1e3)) + WhiteKernel(0.01, (1e-6, 1.0))
 
 
@@ -100,6 +104,8 @@ class Boosting:
     """Gradient boosting of regression trees, one for each error, with scikit-learn's parameters."""
 
     def fit(self, x: FloatArray, y: FloatArray) -> None:
+        from sklearn.ensemble import HistGradientBoostingRegressor
+
         self._fitted = [HistGradientBoostingRegressor(min_samples_leaf=5).fit(x, errors) for errors in y.T]
 
     def predict(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from sklearn.gaussian_process import GaussianProcessRegressor
-from sklearn.gaussian_process.kernels import ConstantKernel, DotProduct
 
 from talc.learner.experts import UNIT, Expert
 from talc.learner.mixture import Mixture
@@ -16,6 +14,9 @@ REFERENCE = NOISE**2 / 5
 
 def test_scikit_learn_predicts_the_same() -> None:
     """Of a linear and smooth process without a level, away from the reference's condition, by another program."""
+    from sklearn.gaussian_process import GaussianProcessRegressor  # a second that only this test needs to spend
+    from sklearn.gaussian_process.kernels import ConstantKernel, DotProduct
+
     draw = np.random.default_rng(3)
     walk = np.cumsum(draw.normal(size=(60, FEATURES)), axis=0) * 0.3
     x, at = walk[:50] - walk[0], walk[-1] - walk[0]
