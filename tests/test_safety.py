@@ -366,7 +366,7 @@ def test_every_row_names_tests_that_exist_and_has_something_broken() -> None:
 
 
 class Outcome:
-    """A plugin that keeps whether tests failed."""
+    """A plugin that keeps whether a test failed."""
 
     def __init__(self) -> None:
         self.passed = self.failed = 0
@@ -377,10 +377,10 @@ class Outcome:
 
 
 def failed(test: str) -> bool:
-    """Whether a test fails in this process."""
+    """Whether a test fails in this process, for one of its parameters."""
     outcome, name = Outcome(), f"test_{test}"
     places = [f"{file}::{name}" for file in files()[name.partition("[")[0]]]
-    pytest.main(["-q", "-p", "no:cacheprovider", "-p", "no:xdist", *places], plugins=[outcome])
+    pytest.main(["-q", "-x", "--tb=no", "-p", "no:cacheprovider", "-p", "no:xdist", *places], plugins=[outcome])
     assert outcome.failed + outcome.passed > 0, "it ran"
     return outcome.failed > 0
 

@@ -10,7 +10,7 @@ import pytest
 from tests.benches.death import PHASES
 from tests.benches.kills import WRITING
 
-WHILE_WRITING, EACH = 6, 20
+WHILE_WRITING, EACH = 6, 10
 KILLS = {WRITING: WHILE_WRITING, **dict.fromkeys(PHASES, EACH)}
 
 
