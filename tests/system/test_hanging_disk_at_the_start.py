@@ -3,6 +3,8 @@
 import subprocess
 import sys
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -15,20 +17,27 @@ from tests.benches.service_file import UNPUBLISHED, m7015, rtu_bus
 
 LIMIT_S = 300.0
 """Real seconds; the commands themselves wait 20 s for the disk."""
+COMMANDS = (
+    ("run", "gateway.toml"),
+    ("status", "gateway.toml"),
+    ("doctor", "gateway.toml"),
+    ("db", "check", "disk/gateway.sqlite"),
+    ("db", "backup", "disk/gateway.sqlite", "-o", "copy.sqlite"),
+)
 
 
-@pytest.fixture
-def hanging(tmp_path: Path) -> Iterator[Path]:
+@contextmanager
+def hanging_in(folder: Path) -> Iterator[Path]:
     """A configuration beside a database on a disk that hangs while the file is there."""
-    (tmp_path / "disk").mkdir()
-    (tmp_path / "gateway.toml").write_text(
+    (folder / "disk").mkdir(parents=True)
+    (folder / "gateway.toml").write_text(
         f'{UNPUBLISHED}\n[storage]\npath = "disk/gateway.sqlite"\n' + rtu_bus() + m7015(), encoding="utf-8"
     )
-    with Store(load(tmp_path / "gateway.toml").storage.path, "boot", ManualClock()):
+    with Store(load(folder / "gateway.toml").storage.path, "boot", ManualClock()):
         pass
-    (tmp_path / "hanging").touch()
-    yield tmp_path / "hanging"
-    (tmp_path / "hanging").unlink(missing_ok=True)
+    (folder / "hanging").touch()
+    yield folder / "hanging"
+    (folder / "hanging").unlink(missing_ok=True)
 
 
 def said_by(hanging: Path, command: tuple[str, ...], code: int, *, stopped: bool = False) -> str:
@@ -50,24 +59,21 @@ def said_by(hanging: Path, command: tuple[str, ...], code: int, *, stopped: bool
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "command",
-    [
-        ("run", "gateway.toml"),
-        ("status", "gateway.toml"),
-        ("doctor", "gateway.toml"),
-        ("db", "check", "disk/gateway.sqlite"),
-        ("db", "backup", "disk/gateway.sqlite", "-o", "copy.sqlite"),
-    ],
-    ids=" ".join,
-)
-def test_a_command_says_what_does_not_answer_and_ends(command: tuple[str, ...], hanging: Path) -> None:
-    said = said_by(hanging, command, 3)
-    assert "disk/gateway.sqlite: the disk does not answer (waited 20 s)" in said
-    assert "dmesg" in said
+def test_a_command_says_what_does_not_answer_and_ends(tmp_path: Path) -> None:
+    """Beside each other, as each waits for most of its time."""
+
+    def said(number: int) -> str:
+        with hanging_in(tmp_path / str(number)) as hanging:
+            return said_by(hanging, COMMANDS[number], 3)
+
+    with ThreadPoolExecutor() as beside:
+        for text in beside.map(said, range(len(COMMANDS))):
+            assert "disk/gateway.sqlite: the disk does not answer (waited 20 s)" in text
+            assert "dmesg" in text
 
 
 @pytest.mark.slow
-def test_a_gateway_that_waits_for_its_database_is_stopped_without_it(hanging: Path) -> None:
-    said = said_by(hanging, ("run", "gateway.toml"), 0, stopped=True)
+def test_a_gateway_that_waits_for_its_database_is_stopped_without_it(tmp_path: Path) -> None:
+    with hanging_in(tmp_path / "gateway") as hanging:
+        said = said_by(hanging, ("run", "gateway.toml"), 0, stopped=True)
     assert "gateway.sqlite: stopped before it was open" in said

@@ -322,9 +322,8 @@ async def ran_to_its_end(bench: AgentBench) -> bool:
     return await bench.operator.number("getp", "motion.analog-out-09") == 1.0
 
 
-@pytest.mark.realtime
 async def test_a_program_that_does_not_start_is_waited_for_only_ten_seconds(bench: AgentBench, tmp_path: Path) -> None:
-    """10 s, by the agent's clock. Tolerance: none before; later as long as `reaches` waits."""
+    """10 s, by the agent's clock; on a busy computer later, as long as `reaches` waits."""
     (tmp_path / "machine" / "nc" / "talc_safe_point.ngc").unlink()
     await allow(bench)
     began = time.monotonic()
