@@ -1,11 +1,14 @@
-// A client on another maker's OPC UA stack. Usage: node client.js <pki folder> <url> [<user> <password> <certificate.pem> <key.pem>]
-// Prints a line of JSON with what it finds below Machines, another when it has tried to change all of it, and then one for
-// each notification of EX0C. Each line `read` of its standard input brings a line of the first kind. It ends with that.
+// A client on another maker's OPC UA stack.
+// Usage: node client.js <pki folder> <url> [<user> <password> [<certificate.pem> <key.pem>] [-- <user> ...]]
+// Prints a line for each user who is refused, until one is not: then a line of JSON with what it finds below Machines,
+// another when it has tried to change all of it, and then one for each notification of EX0C. Each line `read` of its
+// standard input brings a line of the first kind. It ends with that.
 "use strict";
 const readline = require("readline");
 const opcua = require("node-opcua");
 
-const [folder, url, user, password, certificateFile, privateKeyFile] = process.argv.slice(2);
+const [folder, url, ...words] = process.argv.slice(2);
+const users = words.join("\n").split("\n--\n").map((each) => each.split("\n").filter(Boolean));
 const say = (found) => process.stdout.write(JSON.stringify(found) + "\n");
 
 async function found(session, machines, uris) {
@@ -58,9 +61,7 @@ async function tried(session, nodes) {
   return answers;
 }
 
-async function main() {
-  const certificates = new opcua.OPCUACertificateManager({ rootFolder: folder, automaticallyAcceptUnknownCertificate: true });
-  await certificates.initialize();
+async function visit(certificates, [user, password, certificateFile, privateKeyFile]) {
   const secure = certificateFile !== undefined;
   const client = opcua.OPCUAClient.create({
     clientCertificateManager: certificates,
@@ -92,7 +93,11 @@ async function main() {
   process.exit(0);
 }
 
-main().catch((error) => {
-  say({ refused: String(error.message) });
+async function main() {
+  const certificates = new opcua.OPCUACertificateManager({ rootFolder: folder, automaticallyAcceptUnknownCertificate: true });
+  await certificates.initialize();
+  for (const each of users) await visit(certificates, each).catch((error) => say({ refused: String(error.message) }));
   process.exit(1);
-});
+}
+
+main();

@@ -146,10 +146,10 @@ async def test_with_a_certificate_it_needs_encryption_a_user_and_the_password(tm
     settings = OpcUaServing(security=security, users={"anna": make_hash("grüezi")})
     own = (tmp_path / "peer.pem", tmp_path / "peer_key.pem")
     async with serving(a_machine(), settings) as server:
-        for arguments in (("anna", "grüezi"), ("anna", "wrong", *own)):
-            async with client(tmp_path, server.url, *arguments) as peer:
-                assert "refused" in await peer.line(), arguments
-        async with client(tmp_path, server.url, "anna", "grüezi", *own) as peer:
+        users = ("anna", "grüezi", "--", "anna", "wrong", *own, "--", "anna", "grüezi", *own)
+        async with client(tmp_path, server.url, *users) as peer:
+            assert "refused" in await peer.line(), "without a certificate"
+            assert "refused" in await peer.line(), "with a wrong password"
             found = await peer.line()
             assert found["mill/Monitoring/ThermalErrors/EX0C"]["value"] == 13.5
             tried = await peer.line()
