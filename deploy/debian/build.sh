@@ -73,7 +73,7 @@ find "$site" -depth -type d \( -name tests -o -name test \) -exec rm -r {} +
 find "$site" -type f \( -name '*.pyi' -o -name '*.py[xd]' -o -name '*.a' -o -name '*.[ch]' -o -name '*.[ch]pp' \) -delete
 rm -r "$site"/{setuptools,setuptools-*.dist-info,_distutils_hack,distutils-precedence.pth}
 rm -r "$site"/{pygments,markdown_it,mdurl} "$site"/{pygments,markdown_it_py,mdurl}-*.dist-info
-rm "$root$home"/bin/{pygmentize,markdown-it}
+rm -f "$root$home"/bin/{pygmentize,markdown-it}  # absent for arm64: pip leaves the scripts of the last call alone
 for each in "$site"/scipy.libs/*; do  # both wheels bring the same ones
     ! cmp --quiet "$each" "$site/numpy.libs/${each##*/}" || ln -sf "../numpy.libs/${each##*/}" "$each"
 done
