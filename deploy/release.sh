@@ -76,17 +76,6 @@ for python in python3.11 python3.12; do
         without "wheels by $python" "no such interpreter"
     fi
 done
-step "Debian packages" deploy/debian/build.sh "$output"
-if command -v aarch64-linux-gnu-g++ >/dev/null; then
-    step "Debian packages for arm64" env ARCH=arm64 deploy/debian/build.sh "$output"
-else
-    without "Debian packages for arm64" "no g++-aarch64-linux-gnu"
-fi
-without "wheels for $([ "$(uname -m)" = aarch64 ] && echo x86-64 || echo aarch64) into an empty Python" "another kind of computer"
-bill() { dpkg-deb --fsys-tarfile "$output"/talc-gateway_*_"$(dpkg --print-architecture)".deb |
-    tar -xO ./usr/share/doc/talc-gateway/sbom.cdx.json >"$output/talc-gateway-$version.cdx.json"; }
-step "list of components" bill
-
 for python in python3.11 python3.12 python3.13; do
     tag=cp312-abi3
     [ "$python" != python3.11 ] || tag=cp311-cp311
@@ -99,6 +88,18 @@ for python in python3.11 python3.12 python3.13; do
 done
 step "source archive into an empty python3" installs python3 \
     "$output"/talc_gateway-*.tar.gz "$output"/talc_gateway_simulators-*.whl
+step "Debian packages" deploy/debian/build.sh "$output"
+if command -v aarch64-linux-gnu-g++ >/dev/null; then
+    # An environment that can print the commands' helps: that of the package cannot run here.
+    step "Debian packages for arm64" env ARCH=arm64 PYTHON="$work/env-python3/bin/python" deploy/debian/build.sh "$output"
+else
+    without "Debian packages for arm64" "no g++-aarch64-linux-gnu"
+fi
+without "wheels for $([ "$(uname -m)" = aarch64 ] && echo x86-64 || echo aarch64) into an empty Python" "another kind of computer"
+bill() { dpkg-deb --fsys-tarfile "$output"/talc-gateway_*_"$(dpkg --print-architecture)".deb |
+    tar -xO ./usr/share/doc/talc-gateway/sbom.cdx.json >"$output/talc-gateway-$version.cdx.json"; }
+step "list of components" bill
+
 for architecture in amd64 arm64; do
     packages=("$output"/talc-gateway*_"$architecture".deb) what="Debian packages for $architecture into an empty Debian"
     if [ ! -e "${packages[0]}" ]; then
