@@ -64,6 +64,7 @@ def test_the_site_builds_strictly_and_needs_no_network(site: Path) -> None:
     assert pages <= {page.relative_to(site).with_suffix("") for page in site.rglob("*.html")}
     api = (site / "api.html").read_text(encoding="utf-8")
     assert all(f'id="talc.{name}"' in api for name in ("Learner", "Learner.predict", "rehearse", "GroupLassoARX"))
+    assert (site / "troubleshooting.html").read_text(encoding="utf-8").count("<li>") > 150, "the catalogue's messages"
     notebook = (site / "notebooks" / "own_recording.html").read_text(encoding="utf-8")
     assert "no correction, µm" in notebook, "what its cells printed"
     # A page opened as a file may neither fetch the index nor start a worker: both come as scripts beside it.
