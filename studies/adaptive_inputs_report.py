@@ -50,6 +50,7 @@ with the measurements that search (adaptive) made. learner: all inputs weighted 
 
 _ONE_RUN = "The paper's Table 3 differs from the means in its Table 4, as a single run does; ours are means in both."
 _NOT_ASKED = "not in it"
+_LESS = 0.95
 _SINGLE = "Static against adaptive inputs in a single run: pso (the paper's Figs. 9 to 13)"
 Pairing = tuple[str, str]
 _OVER_TIME = (("pso", "adaptive"), ("learner", "adaptive"))
@@ -279,9 +280,9 @@ def _single_claims(static: Run, adaptive: Run) -> list[Claim]:
         Claim(
             "In a single run adaptive inputs leave less of EX0C (pso)",
             "no sentence on its single runs; 19.7 against 30.6 µm in the mean of 25 (section 5)",
-            f"E_PV {adaptive_peak:.1f} against {peak:.1f} µm",
-            adaptive_peak < peak,
-            "One run; the claims above are on all repetitions.",
+            f"E_PV {adaptive_peak:.2f} against {peak:.2f} µm",
+            adaptive_peak < _LESS * peak,
+            "One run, in which less than 5 % is no difference; the claims above are on all repetitions.",
         ),
         Claim(
             "The chosen inputs change over time (pso)",
