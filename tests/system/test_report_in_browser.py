@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import CDPSession, Page, expect
 
-from gateway.reporting.data import ReportData
 from gateway.reporting.page import build
 from tests.benches.page_rig import LIMIT_MS, chromium
 from tests.benches.small_run import small_run
@@ -19,15 +18,10 @@ WIDTH, HEIGHT = 390, 844
 expect.set_options(timeout=LIMIT_MS)
 
 
-@pytest.fixture
-def run() -> ReportData:
-    return small_run(288)
-
-
 @contextmanager
-def opened(file: Path, run: ReportData, width: int, *, fingers: bool) -> Iterator[Page]:
-    """The report of a run in a browser, whose console stays empty."""
-    file.write_text(build(run), encoding="utf-8")
+def opened(file: Path, steps: int, width: int, *, fingers: bool) -> Iterator[Page]:
+    """The report of a run of five-minute steps in a browser, whose console stays empty."""
+    file.write_text(build(small_run(steps)), encoding="utf-8")
     with chromium() as browser:
         screen = browser.new_context(
             viewport={"width": width, "height": HEIGHT}, has_touch=fingers, is_mobile=fingers, device_scale_factor=2
@@ -42,16 +36,16 @@ def opened(file: Path, run: ReportData, width: int, *, fingers: bool) -> Iterato
 
 
 @pytest.fixture
-def page(tmp_path: Path, run: ReportData) -> Iterator[Page]:
+def page(tmp_path: Path) -> Iterator[Page]:
     """A report of 24 h on a phone."""
-    with opened(tmp_path / "report.html", run, WIDTH, fingers=True) as shown:
+    with opened(tmp_path / "report.html", 288, WIDTH, fingers=True) as shown:
         yield shown
 
 
 @pytest.fixture
-def desk(tmp_path: Path, run: ReportData) -> Iterator[Page]:
-    """A report of 24 h on a screen with a mouse."""
-    with opened(tmp_path / "report.html", run, 1280, fingers=False) as shown:
+def desk(tmp_path: Path) -> Iterator[Page]:
+    """A report from 07:00 to 07:00 on a screen with a mouse."""
+    with opened(tmp_path / "report.html", 289, 1280, fingers=False) as shown:
         yield shown
 
 
@@ -169,8 +163,7 @@ def pointed_at(page: Page) -> tuple[list[str], list[float]]:
     return times, shares
 
 
-@pytest.mark.parametrize("run", [small_run(289)])  # from 07:00 to 07:00
-def test_the_mouse_points_at_the_same_time_in_every_chart(desk: Page) -> None:
+def test_the_mouse_points_at_a_time_in_every_chart_and_dragged_over_one_shows_that_time_in_all(desk: Page) -> None:
     mouse = Mouse(desk)
     for share, time in ((0.5, "19:00"), (0.25, "13:00")):
         mouse.to(share)
@@ -179,12 +172,7 @@ def test_the_mouse_points_at_the_same_time_in_every_chart(desk: Page) -> None:
         assert len(times) >= 4
         assert len(set(times)) == 1
         assert shares == pytest.approx([share] * len(shares), abs=0.002)
-
-
-@pytest.mark.parametrize("run", [small_run(289)])  # from 07:00 to 07:00
-def test_a_mouse_dragged_over_one_chart_shows_that_time_in_every_chart(desk: Page) -> None:
     all_show(desk, 7, 31)
-    mouse = Mouse(desk)
     mouse.drag(0.25, 0.5)
     all_show(desk, 13, 19)
     mouse.drag(0.75, 0.25)  # from right to left, within what is shown
