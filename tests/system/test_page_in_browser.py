@@ -17,7 +17,16 @@ from playwright.sync_api import Page, Response, expect
 
 from gateway.runtime.passwords import make_hash
 from tests.benches.axe import violations
-from tests.benches.page_rig import LIMIT_MS, SCREENS, expect_each_part, open_screen, page_rig, played_mill, ports
+from tests.benches.page_rig import (
+    LIMIT_MS,
+    SCREENS,
+    PageRig,
+    expect_each_part,
+    open_screen,
+    page_rig,
+    played_mill,
+    ports,
+)
 
 pytestmark = [pytest.mark.peer, pytest.mark.slow]
 
@@ -109,34 +118,32 @@ def asked_span(answer: Response) -> tuple[float, float]:
     return float(asked["from"][0]), float(asked["to"][0])
 
 
-def test_an_opened_page_shows_what_the_gateway_has_stored_of_before(settings: Path) -> None:
-    with page_rig() as rig:
-        played_mill(rig, settings)
-        with rig.page("/machine/mill#time") as page:
-            expect(page.locator("#chart .u-over")).to_have_count(1)
-            page.select_option("#span", "168")
-            with page.expect_response(lambda answer: past_days(answer) > 25.0) as answered:
-                page.select_option("#span", "720")
-            assert answered.value.ok
-            assert len(answered.value.json()["t"]) == 500
-            expect(page.locator("#past-problem")).to_be_empty()
-            over = page.locator("#chart .u-over")
-            over.hover(position={"x": 5, "y": 40})
-            expect(page.locator("#reading")).to_contain_text("without")
-            picture(page, "page-month")
-            with page.expect_response(lambda answer: 0.0 < past_days(answer) < 25.0) as finer:
-                page.mouse.down()
-                box = over.bounding_box()
-                assert box is not None
-                page.mouse.move(box["x"] + box["width"] / 4, box["y"] + 40, steps=5)
-                page.mouse.up()
-            assert finer.value.json()["t"][-1] - finer.value.json()["t"][0] < 30 * 86400
-            shown = asked_span(finer.value)
-            with page.expect_response(lambda answer: 0.0 < past_days(answer) < 25.0) as earlier:
-                page.mouse.wheel(-box["width"] / 2, 0.0)
-            began, ended = asked_span(earlier.value)
-            assert ended - began == pytest.approx(shown[1] - shown[0], rel=0.01)
-            assert began - shown[0] == pytest.approx(0.5 * (began - ended), rel=0.01), "half a chart back"
+def test_an_opened_page_shows_what_the_gateway_has_stored_of_before(looked_at: PageRig) -> None:
+    with looked_at.page("/machine/mill#time") as page:
+        expect(page.locator("#chart .u-over")).to_have_count(1)
+        page.select_option("#span", "168")
+        with page.expect_response(lambda answer: past_days(answer) > 25.0) as answered:
+            page.select_option("#span", "720")
+        assert answered.value.ok
+        assert len(answered.value.json()["t"]) == 500
+        expect(page.locator("#past-problem")).to_be_empty()
+        over = page.locator("#chart .u-over")
+        over.hover(position={"x": 5, "y": 40})
+        expect(page.locator("#reading")).to_contain_text("without")
+        picture(page, "page-month")
+        with page.expect_response(lambda answer: 0.0 < past_days(answer) < 25.0) as finer:
+            page.mouse.down()
+            box = over.bounding_box()
+            assert box is not None
+            page.mouse.move(box["x"] + box["width"] / 4, box["y"] + 40, steps=5)
+            page.mouse.up()
+        assert finer.value.json()["t"][-1] - finer.value.json()["t"][0] < 30 * 86400
+        shown = asked_span(finer.value)
+        with page.expect_response(lambda answer: 0.0 < past_days(answer) < 25.0) as earlier:
+            page.mouse.wheel(-box["width"] / 2, 0.0)
+        began, ended = asked_span(earlier.value)
+        assert ended - began == pytest.approx(shown[1] - shown[0], rel=0.01)
+        assert began - shown[0] == pytest.approx(0.5 * (began - ended), rel=0.01), "half a chart back"
 
 
 def test_what_others_name_stays_a_name_and_a_failing_sensor_is_seen(settings: Path) -> None:
@@ -157,68 +164,62 @@ def test_what_others_name_stays_a_name_and_a_failing_sensor_is_seen(settings: Pa
             assert "forged" not in page.title()
 
 
-def test_the_report_of_a_day_opens_in_a_sandbox_in_which_its_charts_still_work(settings: Path) -> None:
-    with page_rig() as rig:
-        played_mill(rig, settings)
-        with rig.page("/machine/mill#log") as page:
-            expect(page.locator("#report")).to_have_attribute(
-                "href", re.compile(r"/mill/report/\d{4}-\d\d-\d\d\?zone=")
-            )
-            page.fill("#report-day", "2026-03-02")
-            expect(page.locator("#report")).to_have_attribute(
-                "href", "/machine/mill/report/2026-03-02?zone=Europe%2FZurich&lang=en"
-            )
-            said = list[str]()
-            page.context.on("console", lambda message: said.append(message.text))
-            page.context.on("weberror", lambda error: said.append(str(error.error)))
-            with page.context.expect_page() as opened:
-                page.click("#report")
-            report = opened.value
-            expect(report.locator("h1")).to_contain_text("at the tool: 40 → 4")
-            expect(report.locator(".live .u-over").first).to_be_attached()
-            report.click("#time button[name=closer]")
-            assert said == []
-            assert report.evaluate("window.origin") == "null", "not of the page's origin"
-            assert report.evaluate("fetch('/').then(() => 'reached', () => 'refused')") == "refused"
+def test_the_report_of_a_day_opens_in_a_sandbox_in_which_its_charts_still_work(looked_at: PageRig) -> None:
+    with looked_at.page("/machine/mill#log") as page:
+        expect(page.locator("#report")).to_have_attribute("href", re.compile(r"/mill/report/\d{4}-\d\d-\d\d\?zone="))
+        page.fill("#report-day", "2026-03-02")
+        expect(page.locator("#report")).to_have_attribute(
+            "href", "/machine/mill/report/2026-03-02?zone=Europe%2FZurich&lang=en"
+        )
+        said = list[str]()
+        page.context.on("console", lambda message: said.append(message.text))
+        page.context.on("weberror", lambda error: said.append(str(error.error)))
+        with page.context.expect_page() as opened:
+            page.click("#report")
+        report = opened.value
+        expect(report.locator("h1")).to_contain_text("at the tool: 40 → 4")
+        expect(report.locator(".live .u-over").first).to_be_attached()
+        report.click("#time button[name=closer]")
+        assert said == []
+        assert report.evaluate("window.origin") == "null", "not of the page's origin"
+        assert report.evaluate("fetch('/').then(() => 'reached', () => 'refused')") == "refused"
 
 
-def test_the_tolerance_and_the_point_are_this_browsers_and_the_keyboard_is_enough(settings: Path) -> None:
-    with page_rig() as rig:
-        played_mill(rig, settings)
-        with rig.page("/machine/mill") as page:
-            expect(page.locator("input[name=tolerance]")).to_have_value("8")
-            page.keyboard.press("Tab")
-            assert page.evaluate("document.activeElement.className") == "skip"
-            page.focus("input[name=tolerance]")
-            page.keyboard.press("Control+A")
-            page.keyboard.type("1000")
-            page.keyboard.press("Enter")
-            expect(page.locator("#word")).to_have_text("Ready")
-            page.reload()
-            expect(page.locator("#word")).to_have_text("Ready")
-            expect(page.locator("#axes [data-axis=Y] [data-of=half]")).not_to_have_text("–")
-            before = page.locator("#axes [data-axis=Y] [data-of=half]").inner_text()
-            open_screen(page, "why")
-            page.click("summary")
-            page.fill("input[name=x]", "0")
-            page.click("button[type=submit]")
-            expect(page.locator("#axes [data-axis=Y] [data-of=half]")).not_to_have_text("–")
-            page.click("button[type=reset]")
-            expect(page.locator("input[name=tolerance]")).to_have_value("8")
-            expect(page.locator("#axes [data-axis=Y] [data-of=half]")).to_have_text(before)
-        with rig.page("/machine/mill", locale="de-DE") as page:
-            expect(page.locator("#waits-title")).to_have_text("Worauf das Gateway wartet")
-            expect(page.locator("#axes [data-axis=Y] [data-of=half]")).to_have_text(before.replace(".", ","))
-            page.emulate_media(media="print")
-            expect(page.locator("form")).to_be_hidden()
-            expect(page.locator("#chart .u-over")).to_have_count(1)
-            for each in ("#axes", "#drives", "#channels", "#events-title"):
-                expect(page.locator(each)).to_be_visible()
-            page.evaluate("document.getElementById('main').style.width = '600px'")  # paper is narrower than a screen
-            inside = """() => {
-              const chart = document.getElementById('chart'), wide = (e) => e.getBoundingClientRect().width;
-              return wide(chart.querySelector('canvas')) <= wide(chart); }"""
-            assert page.evaluate(inside)
+def test_the_tolerance_and_the_point_are_this_browsers_and_the_keyboard_is_enough(looked_at: PageRig) -> None:
+    with looked_at.page("/machine/mill") as page:
+        expect(page.locator("input[name=tolerance]")).to_have_value("8")
+        page.keyboard.press("Tab")
+        assert page.evaluate("document.activeElement.className") == "skip"
+        page.focus("input[name=tolerance]")
+        page.keyboard.press("Control+A")
+        page.keyboard.type("1000")
+        page.keyboard.press("Enter")
+        expect(page.locator("#word")).to_have_text("Ready")
+        page.reload()
+        expect(page.locator("#word")).to_have_text("Ready")
+        expect(page.locator("#axes [data-axis=Y] [data-of=half]")).not_to_have_text("–")
+        before = page.locator("#axes [data-axis=Y] [data-of=half]").inner_text()
+        open_screen(page, "why")
+        page.click("summary")
+        page.fill("input[name=x]", "0")
+        page.click("button[type=submit]")
+        expect(page.locator("#axes [data-axis=Y] [data-of=half]")).not_to_have_text("–")
+        page.click("button[type=reset]")
+        expect(page.locator("input[name=tolerance]")).to_have_value("8")
+        expect(page.locator("#axes [data-axis=Y] [data-of=half]")).to_have_text(before)
+    with looked_at.page("/machine/mill", locale="de-DE") as page:
+        expect(page.locator("#waits-title")).to_have_text("Worauf das Gateway wartet")
+        expect(page.locator("#axes [data-axis=Y] [data-of=half]")).to_have_text(before.replace(".", ","))
+        page.emulate_media(media="print")
+        expect(page.locator("form")).to_be_hidden()
+        expect(page.locator("#chart .u-over")).to_have_count(1)
+        for each in ("#axes", "#drives", "#channels", "#events-title"):
+            expect(page.locator(each)).to_be_visible()
+        page.evaluate("document.getElementById('main').style.width = '600px'")  # paper is narrower than a screen
+        inside = """() => {
+          const chart = document.getElementById('chart'), wide = (e) => e.getBoundingClientRect().width;
+          return wide(chart.querySelector('canvas')) <= wide(chart); }"""
+        assert page.evaluate(inside)
 
 
 def test_a_gateway_that_is_killed_looks_gone_and_one_that_comes_back_begins_again(settings: Path) -> None:
@@ -260,13 +261,7 @@ def test_a_gateway_that_is_killed_looks_gone_and_one_that_comes_back_begins_agai
             expect(machines.locator("li.grey")).to_have_count(2)
 
 
-def expect_forecast(page: Page, shown: bool) -> None:
-    """Expect the forecast in the hours ahead, or none."""
-    expect(page.locator("#strip .coming").first).to_be_attached(attached=shown)
-
-
-@pytest.mark.parametrize("end", ["the page's server", "the gateway"])
-def test_nothing_old_looks_fresh(settings: Path, end: str) -> None:
+def test_nothing_old_looks_fresh(settings: Path) -> None:
     with page_rig() as rig:
         gateway = played_mill(rig, settings)
         assert rig.web is not None
@@ -275,6 +270,8 @@ def test_nothing_old_looks_fresh(settings: Path, end: str) -> None:
             gateway.say("status " + json.dumps({"paused": by, "unarmed": ["probing is not armed"]}))
             gateway.say("compensation " + json.dumps({"source": "stale"}))
             fresh = (page.locator("#notices p"), page.locator("#unarmed"))
+            coming = page.locator("#strip .coming").first
+            """The forecast in the hours ahead."""
             page.fill("input[name=tolerance]", "3")
             page.keyboard.press("Enter")
             expect(page.locator("#helps p").first).to_be_attached()
@@ -284,32 +281,33 @@ def test_nothing_old_looks_fresh(settings: Path, end: str) -> None:
             expect(page.locator("#since")).not_to_be_empty()
             expect(machines.locator("li .notice")).to_have_count(2)
             expect(page.locator("#axes .bar").first).to_be_attached()
-            expect_forecast(page, True)
-            if end == "the gateway":
-                gateway.kill()
-            else:
-                os.kill(rig.web.pid, signal.SIGSTOP)
-            word = "Gone" if end == "the gateway" else "No connection"
-            expect(page.locator("#word")).to_have_text(word)
-            expect(machines.locator("li .word")).to_have_text(word)
-            for each in fresh:
-                expect(each).to_be_hidden()
-            expect(page.locator("#since")).to_be_empty()
-            expect(page.locator("#tool-notes p")).to_have_count(0)
-            for of in ("left", "half", "without", "in_force"):
-                expect(page.locator(f"[data-of={of}]")).to_have_text(["–"] * 3)
-            expect(page.locator("#helps p")).to_have_count(0)
-            expect(page.locator("#ready")).not_to_contain_text("left at the tool", use_inner_text=True)
-            expect(machines.locator("li")).not_to_contain_text("left at the tool")
-            expect(machines.locator("li .notice")).to_have_count(0)
-            assert page.evaluate("document.body.classList.contains('past')")
-            expect_forecast(page, False)
-            if end != "the gateway":
-                os.kill(rig.web.pid, signal.SIGCONT)
-                expect(page.locator("#word")).to_have_text("Not ready")
-                expect(page.locator("#axes [data-axis=Z] [data-of=half]")).not_to_have_text("–")
-                expect(machines.locator("li .notice")).to_have_count(2)
-                expect_forecast(page, True)
+            expect(coming).to_be_attached()
+
+            def expect_nothing_fresh(word: str) -> None:
+                expect(page.locator("#word")).to_have_text(word)
+                expect(machines.locator("li .word")).to_have_text(word)
+                for each in fresh:
+                    expect(each).to_be_hidden()
+                expect(page.locator("#since")).to_be_empty()
+                expect(page.locator("#tool-notes p")).to_have_count(0)
+                for of in ("left", "half", "without", "in_force"):
+                    expect(page.locator(f"[data-of={of}]")).to_have_text(["–"] * 3)
+                expect(page.locator("#helps p")).to_have_count(0)
+                expect(page.locator("#ready")).not_to_contain_text("left at the tool", use_inner_text=True)
+                expect(machines.locator("li")).not_to_contain_text("left at the tool")
+                expect(machines.locator("li .notice")).to_have_count(0)
+                assert page.evaluate("document.body.classList.contains('past')")
+                expect(coming).not_to_be_attached()
+
+            os.kill(rig.web.pid, signal.SIGSTOP)
+            expect_nothing_fresh("No connection")
+            os.kill(rig.web.pid, signal.SIGCONT)
+            expect(page.locator("#word")).to_have_text("Not ready")
+            expect(page.locator("#axes [data-axis=Z] [data-of=half]")).not_to_have_text("–")
+            expect(machines.locator("li .notice")).to_have_count(2)
+            expect(coming).to_be_attached()
+            gateway.kill()
+            expect_nothing_fresh("Gone")
 
 
 def test_a_user_with_a_key_gives_commands_after_a_second_confirmation(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from PIL import Image, ImageColor
 from playwright.sync_api import Locator, Page, expect
 
 from talc.names import THERMAL_ERRORS
-from tests.benches.page_rig import LIMIT_MS, page_rig, played_mill
+from tests.benches.page_rig import LIMIT_MS, PageRig, page_rig, played_mill
 from tests.benches.page_shifts import TWO_FRAMES
 
 pytestmark = [pytest.mark.peer, pytest.mark.slow]
@@ -79,67 +79,61 @@ def test_the_bars_show_which_part_of_an_interval_is_outside_the_tolerance(settin
             expect(page.locator("#tolerance")).to_have_value("8")
 
 
-def test_the_chart_draws_what_is_left_and_the_measurements(settings: Path) -> None:
-    with page_rig() as rig:
-        played_mill(rig, settings)
-        with rig.page("/machine/mill#time") as page:
-            expect(page.locator("#chart .u-over")).to_have_count(1)
-            assert drawn(page, "after") > 50, "what is left"
-            assert drawn(page, "measured") > 50, "dots"
+def test_the_chart_draws_what_is_left_and_the_measurements(looked_at: PageRig) -> None:
+    with looked_at.page("/machine/mill#time") as page:
+        expect(page.locator("#chart .u-over")).to_have_count(1)
+        assert drawn(page, "after") > 50, "what is left"
+        assert drawn(page, "measured") > 50, "dots"
 
 
-def test_a_drag_and_the_wheel_zoom_and_a_double_click_shows_all(settings: Path) -> None:
-    with page_rig() as rig:
-        played_mill(rig, settings)
-        with rig.page("/machine/mill#time") as page:
-            over, canvas = page.locator("#chart .u-over"), page.locator("#chart canvas")
-            expect(over).to_have_count(1)
-            box = over.bounding_box()
-            assert box is not None
-            page.mouse.move(box["x"] + box["width"] / 3, box["y"] + 40)
-            expect(page.locator("#reading")).to_contain_text("µm")
-            whole = canvas.evaluate(_CURVES)
-            page.mouse.down()
-            page.mouse.move(box["x"] + box["width"] / 2, box["y"] + 40, steps=5)
-            page.mouse.up()
-            page.evaluate(TWO_FRAMES)
-            zoomed = canvas.evaluate(_CURVES)
-            assert zoomed != whole
-            page.mouse.wheel(0.0, -300.0)
-            page.evaluate(TWO_FRAMES)
-            closer = canvas.evaluate(_CURVES)
-            assert closer != zoomed
-            over.dblclick()
-            page.evaluate(TWO_FRAMES)
-            assert canvas.evaluate(_CURVES) not in {zoomed, closer}
+def test_a_drag_and_the_wheel_zoom_and_a_double_click_shows_all(looked_at: PageRig) -> None:
+    with looked_at.page("/machine/mill#time") as page:
+        over, canvas = page.locator("#chart .u-over"), page.locator("#chart canvas")
+        expect(over).to_have_count(1)
+        box = over.bounding_box()
+        assert box is not None
+        page.mouse.move(box["x"] + box["width"] / 3, box["y"] + 40)
+        expect(page.locator("#reading")).to_contain_text("µm")
+        whole = canvas.evaluate(_CURVES)
+        page.mouse.down()
+        page.mouse.move(box["x"] + box["width"] / 2, box["y"] + 40, steps=5)
+        page.mouse.up()
+        page.evaluate(TWO_FRAMES)
+        zoomed = canvas.evaluate(_CURVES)
+        assert zoomed != whole
+        page.mouse.wheel(0.0, -300.0)
+        page.evaluate(TWO_FRAMES)
+        closer = canvas.evaluate(_CURVES)
+        assert closer != zoomed
+        over.dblclick()
+        page.evaluate(TWO_FRAMES)
+        assert canvas.evaluate(_CURVES) not in {zoomed, closer}
 
 
-def test_what_moved_the_tool_at_a_clicked_moment_adds_up_and_what_is_seen_is_exported(settings: Path) -> None:
+def test_what_moved_the_tool_at_a_clicked_moment_adds_up_and_what_is_seen_is_exported(looked_at: PageRig) -> None:
     """The store's EZ0A is the hour of the day, of which spindle_rear gives 1 µm."""
-    with page_rig() as rig:
-        played_mill(rig, settings)
-        with rig.page("/machine/mill#time", zone="UTC") as page:
-            over = page.locator("#chart .u-over")
-            expect(over).to_have_count(1)
-            box = over.bounding_box()
-            assert box is not None
-            with page.expect_response(lambda answer: "/corrections/mill?before=" in answer.url) as answered:
-                over.click(position={"x": box["width"] / 4, "y": 60})
-            last = answered.value.json()["lines"][0]
-            stack = page.locator("#drives .stack")
-            expect(stack).to_have_count(1)
-            parts = page.locator("#moment-why .part-of").all_inner_texts()
-            hour = float(datetime.fromisoformat(last["t"]).hour)
-            assert last["estimate"]["n"] == hour
-            shown = [float(part.split("\u00a0")[1].replace("\u2212", "-")) for part in parts]
-            assert sum(shown) == pytest.approx(hour)
-            expect(page.locator("#moment-why .total")).to_have_text(f"{hour:+.1f}\u202fµm".replace("+0.0", "0.0"))
-            with page.expect_download() as saved:
-                page.click("#csv")
-            heading, *lines = saved.value.path().read_text("utf-8").splitlines()
-            assert {"time_utc", "without_um", "left_um", "measured_um"} <= set(heading.split(","))
-            assert len(lines) > 50
-            with page.expect_download() as drawn_file:
-                page.click("#png")
-            with Image.open(drawn_file.value.path()) as picture:
-                assert picture.width >= box["width"]
+    with looked_at.page("/machine/mill#time", zone="UTC") as page:
+        over = page.locator("#chart .u-over")
+        expect(over).to_have_count(1)
+        box = over.bounding_box()
+        assert box is not None
+        with page.expect_response(lambda answer: "/corrections/mill?before=" in answer.url) as answered:
+            over.click(position={"x": box["width"] / 4, "y": 60})
+        last = answered.value.json()["lines"][0]
+        stack = page.locator("#drives .stack")
+        expect(stack).to_have_count(1)
+        parts = page.locator("#moment-why .part-of").all_inner_texts()
+        hour = float(datetime.fromisoformat(last["t"]).hour)
+        assert last["estimate"]["n"] == hour
+        shown = [float(part.split("\u00a0")[1].replace("\u2212", "-")) for part in parts]
+        assert sum(shown) == pytest.approx(hour)
+        expect(page.locator("#moment-why .total")).to_have_text(f"{hour:+.1f}\u202fµm".replace("+0.0", "0.0"))
+        with page.expect_download() as saved:
+            page.click("#csv")
+        heading, *lines = saved.value.path().read_text("utf-8").splitlines()
+        assert {"time_utc", "without_um", "left_um", "measured_um"} <= set(heading.split(","))
+        assert len(lines) > 50
+        with page.expect_download() as drawn_file:
+            page.click("#png")
+        with Image.open(drawn_file.value.path()) as picture:
+            assert picture.width >= box["width"]
