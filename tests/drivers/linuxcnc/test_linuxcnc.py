@@ -196,33 +196,6 @@ async def test_the_offsets_go_to_zero_although_the_agent_was_killed_and_sends_no
         assert (await bench.operator.ask("state"))["on"]  # the machine itself goes on
 
 
-async def test_ramp_zero_holds_and_release_acts_at_once(bench: AgentBench) -> None:
-    await claimed(bench, WatchdogTerms(60.0, 0.0))
-    await bench.nc.write_compensation((2.0, 0.0, 0.0))
-    await bench.nc.claim(7, WatchdogTerms(0.2, 0.0))
-
-    async def silent() -> bool:
-        return bool(await bench.operator.ask("hal", "getp", "talc.watching") == "FALSE")
-
-    await until(silent)
-    held = await bench.nc.read_compensation()
-    await bench.pass_time(0.3)
-    assert await bench.nc.read_compensation() == held
-    assert held[0] > 0
-
-    await claimed(bench, WatchdogTerms(86400.0, 1000.0))  # a day of silence: the watchdog does nothing
-    await bench.nc.release(8)  # not its own
-    assert await bench.nc.heartbeat(7)
-    await bench.nc.release(7)
-
-    async def gone() -> bool:
-        return await bench.nc.read_compensation() == (0.0, 0.0, 0.0)
-
-    await until(gone)
-    with refusal("owner"):
-        await bench.nc.heartbeat(7)
-
-
 async def test_silence_moves_the_offsets_no_faster_than_the_control_allows_whatever_was_claimed(tmp_path: Path) -> None:
     async with running(tmp_path, {"SLEW": 0.01}) as bench:
         await claimed(bench, WatchdogTerms(60.0, 1000.0))
@@ -236,28 +209,6 @@ async def test_silence_moves_the_offsets_no_faster_than_the_control_allows_whate
 
         await until(gone)
         assert await bench.time_s() - before_s >= 6.0 / 10.0 * 0.99
-
-
-async def test_another_gateway_is_refused_while_the_first_is_alive(bench: AgentBench) -> None:
-    await claimed(bench, WatchdogTerms(86400.0, 1.0))
-    async with bench.beating(7):
-        with refusal("owner"):
-            await bench.nc.claim(8, WatchdogTerms(0.3, 1.0))
-        other = AgentControl(bench.settings, SystemClock())
-        with refusal("occupied"):
-            await other.connect()
-    await bench.nc.claim(7, WatchdogTerms(0.3, 1.0))  # and it is silent from now on
-
-    async def taken_over() -> bool:
-        try:
-            await bench.nc.claim(8, WatchdogTerms(0.3, 1.0))
-        except Refused:
-            return False
-        return True
-
-    await until(taken_over)
-    with refusal("owner"):
-        await bench.nc.heartbeat(7)
 
 
 async def impatient(bench: AgentBench) -> AgentControl:

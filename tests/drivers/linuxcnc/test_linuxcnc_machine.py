@@ -32,17 +32,6 @@ async def reaches(nc: LinuxCncMachine, signal: str, value: float) -> float:
     return time.monotonic() - began
 
 
-async def test_homed_control_turns_the_table_and_ends_by_itself(tmp_path: Path) -> None:
-    async with machine(tmp_path) as nc:
-        await nc.ask("switch_on")
-        await nc.ask("home")
-        assert (await nc.ask("state"))["homed"] == [1] * 5
-        await nc.ask("mdi", "G53 G0 X10 Y-20 Z30 A-90 C270")
-        assert (await nc.ask("state"))["position"] == pytest.approx([10.0, -20.0, 30.0, -90.0, 270.0], abs=1e-6)
-    assert nc.process.returncode == 0
-    assert not (tmp_path / "linuxcnc.lock").exists()
-
-
 async def test_compensation_beyond_the_bound_stops_at_the_bound(nc: LinuxCncMachine) -> None:
     await nc.ask("hal", "setp", "talc-errors.slew-um-per-s", "1000")  # not to wait 20 s
     await nc.ask("hal", "setp", "talc-errors.ez0a", "-5000")
@@ -51,16 +40,9 @@ async def test_compensation_beyond_the_bound_stops_at_the_bound(nc: LinuxCncMach
     assert await nc.number("gets", "z-drive") == pytest.approx(9.8, abs=1e-6)
 
 
-async def test_an_emergency_stop_leaves_the_compensation_where_it_is(nc: LinuxCncMachine) -> None:
-    await nc.ask("hal", "setp", "talc-errors.ey0a", "2")
-    await reaches(nc, "talc-y-in-force", 0.002)
-    await nc.ask("estop")
-    assert not (await nc.ask("state"))["on"]
-    assert await nc.number("gets", "talc-y-in-force") == pytest.approx(0.002, abs=1e-9)
-    assert await nc.number("gets", "y-drive") == pytest.approx(0.002, abs=1e-9)
-
-
-async def test_homing_again_waits_until_the_compensation_is_taken_back(nc: LinuxCncMachine) -> None:
+async def test_homing_waits_until_the_compensation_is_taken_back_and_an_emergency_stop_leaves_it(
+    nc: LinuxCncMachine,
+) -> None:
     await nc.ask("hal", "setp", "talc-errors.ey0a", "2")
     await reaches(nc, "talc-y-in-force", 0.002)
     assert await nc.ask("messages") == []
@@ -79,24 +61,29 @@ async def test_homing_again_waits_until_the_compensation_is_taken_back(nc: Linux
     await reaches(nc, "talc-y-in-force", 0.002)
     assert (await nc.ask("state"))["position"][1] == pytest.approx(0.0, abs=1e-9)
 
-
-async def test_without_homing_nothing_is_in_force(nc: LinuxCncMachine) -> None:
-    await nc.ask("hal", "setp", "talc-errors.ey0a", "2")
-    await reaches(nc, "talc-y-in-force", 0.002)
     await nc.ask("unhome")
-    await reaches(nc, "talc-y-in-force", 0.0)
+    await reaches(nc, "talc-y-in-force", 0.0)  # without homing nothing is in force
     await nc.ask("home")
     await reaches(nc, "talc-y-in-force", 0.002)
 
+    await nc.ask("estop")
+    assert not (await nc.ask("state"))["on"]
+    assert await nc.number("gets", "talc-y-in-force") == pytest.approx(0.002, abs=1e-9)
+    assert await nc.number("gets", "y-drive") == pytest.approx(0.002, abs=1e-9)
 
-async def test_two_machines_run_beside_each_other(
+
+async def test_two_machines_run_beside_each_other_turn_their_tables_and_end_by_themselves(
     nc: LinuxCncMachine, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
-    async with machine(tmp_path_factory.mktemp("second")) as other:
+    folder = tmp_path_factory.mktemp("second")
+    async with machine(folder) as other:
         await other.ask("switch_on")
         await other.ask("home")
-        await other.ask("mdi", "G53 G0 A30")
-        assert (await other.ask("state"))["position"][3] == pytest.approx(30.0, abs=1e-6)
+        assert (await other.ask("state"))["homed"] == [1] * 5
+        await other.ask("mdi", "G53 G0 X10 Y-20 Z30 A-90 C270")
+        assert (await other.ask("state"))["position"] == pytest.approx([10.0, -20.0, 30.0, -90.0, 270.0], abs=1e-6)
         assert (await nc.ask("state"))["position"][3] == 0.0
+    assert other.process.returncode == 0
+    assert not (folder / "linuxcnc.lock").exists()
     await nc.ask("mdi", "G53 G0 A10")
     assert (await nc.ask("state"))["position"][3] == pytest.approx(10.0, abs=1e-6)
