@@ -15,6 +15,8 @@ from tests.benches.failing_disk import on_failing_disk
 from tests.benches.manual_clock import ManualClock
 from tests.benches.service_file import UNPUBLISHED, m7015, rtu_bus
 
+pytestmark = [pytest.mark.slow, pytest.mark.waits(25)]
+
 LIMIT_S = 300.0
 """Real seconds; the commands themselves wait 20 s for the disk."""
 COMMANDS = (
@@ -58,7 +60,6 @@ def said_by(hanging: Path, command: tuple[str, ...], code: int, *, stopped: bool
     return done.stderr
 
 
-@pytest.mark.slow
 def test_a_command_says_what_does_not_answer_and_ends(tmp_path: Path) -> None:
     """Beside each other, as each waits for most of its time."""
 
@@ -72,7 +73,6 @@ def test_a_command_says_what_does_not_answer_and_ends(tmp_path: Path) -> None:
             assert "dmesg" in text
 
 
-@pytest.mark.slow
 def test_a_gateway_that_waits_for_its_database_is_stopped_without_it(tmp_path: Path) -> None:
     with hanging_in(tmp_path / "gateway") as hanging:
         said = said_by(hanging, ("run", "gateway.toml"), 0, stopped=True)
