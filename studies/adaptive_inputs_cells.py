@@ -18,23 +18,20 @@ _SIX = np.array([ERROR_UNITS[name] == MICROMETRE for name in THERMAL_ERRORS])
 _PARTS = {"six": _SIX, "three rotations": ~_SIX}
 _EX0C, _ER0T = (THERMAL_ERRORS.index(name) for name in ("EX0C", "ER0T"))
 _STATIC, _ADAPTIVE, _TCK = "pso, static", "pso, adaptive", "tck, adaptive"
+_SIZES = "another machine: its errors have other sizes"
+_EXPLAINED = "in the simulation the inputs explain more of it"
+_ROOM = "theirs is small and hardly moved; ours is among the largest, so there is more to reduce"
+_SIXTH = "without compensation our EX0C is a sixth of theirs"
+_TENTH = "without compensation our EY0C is a tenth of theirs"
+_NOISE = "ours is no larger than the probing noise"
 WHY: Mapping[str, str] = {
-    "Table 3": "another machine: its errors have other sizes",
-    "Table 3, EX0C": "without compensation our EX0C is a sixth of theirs",
-    "Table 3, EA0C": "ours is no larger than the probing noise",
-    "Table 3, EB0C": "ours is no larger than the probing noise",
-    "Table 3, EC0C": "ours is no larger than the probing noise",
-    "Table 3, EY0A": "theirs is small and hardly moved; ours is among the largest, so there is more to reduce",
-    "Table 3, EZ0A": "in the simulation the inputs explain more of it",
-    "Table 3, EZ0T": "in the simulation the inputs explain more of it",
-    "Table 3, ER0T": "in the simulation the inputs explain more of it",
-    "Table 4, EY0A": "theirs is small and hardly moved; ours is among the largest, so there is more to reduce",
-    "Table 4": "in the simulation the inputs explain more of it",
-    "Table 4, EX0C": "without compensation our EX0C is a sixth of theirs",
-    "Table 4, EY0C": "another machine: its EY0C is a tenth of theirs",
-    "Table 4, EA0C": "ours is no larger than the probing noise",
-    "Table 4, EB0C": "ours is no larger than the probing noise",
-    "Table 4, EC0C": "ours is no larger than the probing noise",
+    **{f"Table {n}, {error}": _EXPLAINED for n in (3, 4) for error in ("EZ0A", "EZ0T", "ER0T")},
+    **{f"Table {n}, EY0A": _ROOM for n in (3, 4)},
+    **{f"Table {n}, EX0C": _SIXTH for n in (3, 4)},
+    **{f"Table {n}, EY0C": _TENTH for n in (3, 4)},
+    **{f"Table {n}, {error}": _NOISE for n in (3, 4) for error in ("EA0C", "EB0C", "EC0C")},
+    **{f"Table {n}, EA0C, E_RMS": _EXPLAINED for n in (3, 4)},
+    **{f"Table 3, {error}, {name}, uncompensated": _SIZES for error in THERMAL_ERRORS for name in ("E_PV", "E_RMS")},
     "text, reduction of E_PV of three rotations, Group-LASSO over TCK, % higher": "here E_PV is not reduced",
     "text": "another machine and other noise in each repetition, where theirs share one recording",
 }
