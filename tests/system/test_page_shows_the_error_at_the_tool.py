@@ -127,6 +127,7 @@ def test_what_moved_the_tool_at_a_clicked_moment_adds_up_and_what_is_seen_is_exp
         assert last["estimate"]["n"] == hour
         shown = [float(part.split("\u00a0")[1].replace("\u2212", "-")) for part in parts]
         assert sum(shown) == pytest.approx(hour)
+        assert 1.0 in shown
         expect(page.locator("#moment-why .total")).to_have_text(f"{hour:+.1f}\u202fµm".replace("+0.0", "0.0"))
         with page.expect_download() as saved:
             page.click("#csv")

@@ -315,8 +315,9 @@ const toggle = (channel) => {
   again();
   loadHeat(chart && zoomed ? chart.scales.x.min : ended() - span(), ended());
 };
-export const showSeries = (channels) => {
-  names = channels.map((c) => c.channel).sort();
+// Of inputs that are no channels, such as loads, only what is stored can be drawn.
+export const showSeries = (channels, driven) => {
+  names = [...new Set([...channels.map((c) => c.channel), ...driven.flatMap((e) => e.movers.map(([input]) => input))])].sort();
   offer(names);
 };
 // Only this channel, and its neighbours, beside the errors at the tool.

@@ -88,7 +88,7 @@ export const showMachine = (v) => {
   keepSphere(v.sphere_mm);
   showModel(v, sphere(), point().slice(3), v.alive);
   if (v.alive && v.gateway_time) hear(v.channels, Date.parse(v.gateway_time) / 1e3);
-  showSeries(v.channels);
+  showSeries(v.channels, v.driven);
   showLastDay(v);
   draw("tool-notes", v.tool_notes, () => say(v.tool_notes, "note"));
   showWhen(v);

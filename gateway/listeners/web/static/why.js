@@ -8,7 +8,7 @@ import { amount, time, word } from "./words.js";
 
 export const REST = "";
 const LEVEL = "=", SINCE = ">";
-let latest = null, axis = "Z", moment = null, then = null;
+let latest = null, axis = "Z", moment = null, then = null, thenAt = null;
 const tenths = (n) => Math.round(n * 10) / 10;
 // Rounded parts that add up to the rounded sum: what rounding leaves goes to the rest.
 const even = (parts, total) => {
@@ -92,8 +92,9 @@ const show = () => {
   $("drives").replaceChildren(...stacks(errorRows(errors)));
   $("drives-empty").hidden = errors.length > 0;
   $("moment-why").replaceChildren(...(rows.length ? stacks([rows[AXES.indexOf(axis)]]) : none()));
-  put($("why-moment"), moment === null ? "" : time(moment * 1e3));
-  const at = moment === null ? latest.reasons && time(latest.gateway_time) : time(moment * 1e3);
+  // Of a moment, the last reasons before it.
+  put($("why-moment"), moment === null || thenAt === null ? "" : time(thenAt));
+  const at = moment === null ? latest.reasons && time(latest.gateway_time) : thenAt && time(thenAt);
   put($("moment-title"), word("moves.title") + (at ? ` · ${at}` : ""));
 };
 export const showWhy = (v) => {
@@ -105,7 +106,7 @@ let asking = 0;
 export const readyWhy = () => onMoment(async (t) => {
   const own = ++asking;
   moment = t;
-  then = null;
+  [then, thenAt] = [null, null];
   show();
   if (t === null) return;
   const before = new Date(t * 1e3 + 1).toISOString();
@@ -113,6 +114,7 @@ export const readyWhy = () => onMoment(async (t) => {
   const lines = answer && answer.ok ? (await answer.json()).lines : [];
   if (own !== asking) return;
   const last = Math.max(...lines.map((c) => c.k));
-  then = errorsThen(lines.filter((c) => c.k === last));
+  const told = lines.filter((c) => c.k === last);
+  [then, thenAt] = [errorsThen(told), told[0]?.t ?? null];
   show();
 });
