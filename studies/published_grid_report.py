@@ -52,7 +52,7 @@ WHY = {
 
 def report(runs: list[Run]) -> Report:
     """Everything by load case."""
-    runs = [replace(run, result=_as_defined(run.result)) for run in runs]
+    runs = [replace(run, result=as_defined(run.result)) for run in runs]
     points: dict[str, list[Point]] = {}
     updated: dict[str, list[Point]] = {}
     for run in runs:
@@ -85,12 +85,12 @@ def report(runs: list[Run]) -> Report:
     return Report(_ASKED, summary, _claims(runs, points, updated), sections, _figures(runs))
 
 
-def _as_defined(result: Mapping[str, Any]) -> dict[str, Any]:
+def as_defined(result: Mapping[str, Any]) -> dict[str, Any]:
     """The runs' figures, with P99 as the paper has it, and `P99 each` for the mean of the errors' own."""
     if "P99 together" in result:
         return {**result, "P99": result["P99 together"], "P99 each": result["P99"]}
     return {
-        key: [_as_defined(one) for one in value] if isinstance(value, list) else _as_defined(value)
+        key: [as_defined(one) for one in value] if isinstance(value, list) else as_defined(value)
         for key, value in result.items()
     }
 

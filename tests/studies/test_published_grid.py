@@ -25,7 +25,7 @@ from studies.published_grid import (
     runs,
     settings_of,
 )
-from studies.published_grid_report import best_of
+from studies.published_grid_report import as_defined, best_of
 from talc.names import THERMAL_ERRORS
 from talc.papers.training import train
 from talc.settings import ControlSettings, TalcSettings
@@ -69,6 +69,16 @@ def test_figures_are_means_over_the_linear_errors() -> None:
         {"SMAPE": 25.0 / 4, "RMSE": 1.0, "PV": 10.0, "P99": 1.0, "P99 together": 1.0, "Pd": 90.5, "measurements": 60},
         abs=1e-9,
     )
+
+
+def test_p99_is_of_the_mean_of_the_linear_errors_not_the_mean_of_theirs() -> None:
+    truth = np.full((278, 9), 10.0)
+    estimate = truth.copy()
+    for place, error in enumerate(LINEAR):  # each is wrong at times of its own
+        estimate[78 + 50 * place : 88 + 50 * place, error] += 4.0
+    found = figures_of(truth, estimate, np.zeros(278, dtype=np.bool_), 6.5)
+    assert (found["P99"], found["P99 together"]) == (4.0, 1.0)
+    assert as_defined({"points": [found]})["points"][0]["P99"] == 1.0
 
 
 def test_the_best_set_has_the_most_pd_below_5_um() -> None:

@@ -156,7 +156,8 @@ class Times:
         return not self._clock.form and number_of(cell, default=None) is not None
 
     def _expected(self, cells: Sequence[object], cell: object) -> str:
-        fitting = [form for form in forms_of(map(str, cells[:_GUESSED_FROM])) if _fits(str(cell).strip(), form)]
+        told = [_MIDNIGHT.sub(r"00\1", str(each), count=1) for each in (cell, *cells[:_GUESSED_FROM])]
+        fitting = [form for form in forms_of(told[1:]) if _fits(told[0].strip(), form)]
         if fitting:
             read = " or ".join(repr(form) for form in fitting)
             return f"{self._form()}; --time-format {read} reads this one"
@@ -179,8 +180,8 @@ class Times:
         if self._clock.form not in ("", "excel") and not re.search("%[djcx]", self._clock.form):
             return "; these are times of day: add a column of dates as --time, and give these as --time-of-day"
         return self._summer(back_s) or (
-            "; sort the rows by their time, or, if another run begins here, name the column that differs between runs: "
-            "--runs COLUMN"
+            "; if another run begins here, name the column that differs between runs: --runs COLUMN; otherwise sort "
+            "the rows by their time"
         )
 
     def _summer(self, back_s: float) -> str:

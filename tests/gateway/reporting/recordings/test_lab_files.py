@@ -191,6 +191,13 @@ def test_24_00_is_the_midnight_that_ends_its_day(tmp_path: Path, form: str, last
     assert (found.k.tolist(), found.start_utc_s) == (plain.k.tolist(), plain.start_utc_s)
 
 
+def test_a_day_that_ends_at_24_00_is_advised_the_form_that_reads_it(tmp_path: Path) -> None:
+    begin = datetime(2026, 11, 24, 22, 0)  # noqa: DTZ001  # as a logger writes it
+    times = [(begin + timedelta(minutes=5 * i)).strftime("%d.%m.%Y %H:%M:%S") for i in range(ROWS)]
+    times[24] = "24.11.2026 24:00:00"
+    assert "--time-format '%d.%m.%Y %H:%M:%S'" in refusal(written(tmp_path, lines("time;t1;EZ0T", times, ";")))
+
+
 def test_a_form_in_use_is_not_advised_again(tmp_path: Path) -> None:
     times = [f"24.11.2026 13:{i:02}" for i in range(ROWS)]
     times[7] = "24.11.2026 25:00"
@@ -297,7 +304,7 @@ def test_rows_out_of_order_are_not_taken_for_summer_time(tmp_path: Path) -> None
     text = lines("time,t1,EZ0T")
     text[7], text[8] = text[8], text[7]
     said = refusal(written(tmp_path, text))
-    assert "line 9, column 'time': '1800' is earlier than the time before it, '2100'; sort the rows by their" in said
+    assert "line 9, column 'time': '1800' is earlier than the time before it, '2100'" in said
     assert "summer" not in said
 
 
