@@ -92,12 +92,28 @@ def init(path: Path, answers_file: Path | None, limit_s: float) -> bool:
     places = _found(given, limit_s)
     if answers_file is None:
         given = with_own_profiles(given, unknown_devices(existing, places, path))
-        keep(kept, given)
+    given = given.model_copy(
+        update={"profiles": {key: _beside(path, Path(name)) for key, name in given.profiles.items()}}
+    )
+    keep(kept, given)
     places = with_profiles(places, given.profiles)
     items = _described(given.control) if isinstance(given.control, MtConnectAnswers) else None
     text = first_configuration(given, places, path, items, existing)
     write_whole(path, text)
     return _told(path, text, places)
+
+
+def _beside(path: Path, profile: Path) -> str:
+    """The profile in the configuration's folder, copied there if it is elsewhere: the service cannot read /home or
+    /root. Raises UsageError if another file of its name is there."""
+    source, target = profile.absolute(), path.absolute().parent / profile.name
+    if source.parent.resolve() != target.parent.resolve() and source.exists():
+        content = source.read_bytes()
+        if target.exists() and target.read_bytes() != content:
+            raise click.UsageError(f"{target} is another profile than {source}: rename one of them")
+        write_whole(target, content)
+        click.echo(f"{target} written, a copy of {source}")
+    return str(target)
 
 
 def _told(path: Path, text: str, places: Sequence[Place]) -> bool:

@@ -3,6 +3,7 @@
 import asyncio
 import re
 import shlex
+import shutil
 import sys
 from collections.abc import AsyncIterator, Iterator, Mapping
 from contextlib import asynccontextmanager, contextmanager
@@ -278,14 +279,17 @@ def test_two_unknown_modules_become_devices_without_an_edit(tmp_path: Path) -> N
         ]
         file.write_text(text.replace("rtd1_in0", "bed_front"), encoding="utf-8")
         drafts: list[str] = []
-        for command in commands:
+        home = tmp_path / "home"  # which the service cannot read
+        home.mkdir()
+        for command, folder in zip(commands, (tmp_path, home), strict=True):
             words = shlex.split(command)
-            words[-1] = str(tmp_path / words[-1])
+            words[-1] = str(folder / words[-1])
             assert CliRunner().invoke(main, words).exit_code == 0
             drafts.append(words[-1])
         again = init(str(file), typed="\n" * 7 + f"absent.toml\n{drafts[0]}\n{drafts[1]}\n")
         assert again.exit_code == 0, again.output
         assert "absent.toml" in again.output, "and asked again"
+        shutil.rmtree(home)
         config = load(file)
         assert {(d.unit, len(d.channels)) for d in config.devices} == {(9, 7), (3, 2), (5, 3)}
         assert "bed_front" in config.input_names, "what a person has named stays"
