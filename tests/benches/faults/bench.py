@@ -26,7 +26,7 @@ RESOLUTION = 0.06
 
 @dataclass
 class HeardSamples:
-    """Everything the acquisition said."""
+    """Everything the acquisition said, but for what is no problem."""
 
     readings: list[Reading] = field(default_factory=list)
     notices: list[Notice] = field(default_factory=list)
@@ -37,6 +37,11 @@ class HeardSamples:
         """Take the readings of one device."""
         self.readings.extend(readings)
         self._news.set()
+
+    def note(self, notice: Notice) -> None:
+        """Take a problem that began or ended."""
+        if not notice.is_fact:
+            self.notices.append(notice)
 
     def of(self, channel: str, since: float = 0.0) -> list[Reading]:
         return [r for r in self.readings if r.channel == channel and r.monotonic_s >= since]
@@ -77,7 +82,7 @@ async def acquiring(*plants: FaultyPlant, limits: Mapping[str, Limits] | None = 
     _log.set(heard.log)
     lines = [Line(plant.bus, plant.drivers, PERIOD_S, RETRY_MAX_PERIODS, plausible=limits or {}) for plant in plants]
     try:
-        async with Acquisition(lines, RealClock(), heard.put, heard.notices.append):
+        async with Acquisition(lines, RealClock(), heard.put, heard.note):
             yield heard
     finally:
         for plant in plants:

@@ -107,7 +107,7 @@ def test_parameters_of_a_route_that_is_not_taken_may_have_another_meaning() -> N
         (LeaseParameters, {"beat": -1}, "beat: expected value=-1 at_least limit=0"),
         (ErrorParameters, {"terms": -1}, "terms: expected value=-1 at_least limit=0"),
         (OffsetRoute, {"first_r": -1}, "first_r: expected value=-1 at_least limit=0"),
-        (OffsetRoute, {"route": "K0"}, "route: invalid value='K0' possible"),
+        (OffsetRoute, {"route": "K0"}, "route: invalid value='K0' mean"),
         (OffsetRoute, {"signs": (1, 0, 1)}, "signs[1]: sinumerik_sign value=0"),
         (OffsetRoute, {"largest_um": 0.0}, "largest_um: expected value=0.0 more_than limit=0.0"),
         (OffsetRoute, {"largest_um": math.inf}, "largest_um: expected value=inf a_finite_number"),

@@ -7,6 +7,8 @@ from gateway.acquisition.build import lines_of
 from gateway.acquisition.plausibility import Check
 from gateway.config.extended import validate
 from gateway.config.sections import Limits
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 from tests.benches.stepped_clock import EPOCH, SteppedClock
 
 
@@ -63,11 +65,12 @@ def test_every_limit_of_the_file_judges_what_is_read() -> None:
             check.judge(Reading("bed", value, "degC", Quality.GOOD, EPOCH, 2.0 * second))
             for second, value in enumerate(values)
         ]
-        judged[name] = [found[-1].quality.value, found[-1].detail]
+        detail = found[-1].detail
+        judged[name] = (found[-1].quality.value, detail.code, detail.values) if isinstance(detail, Text) else None
     assert judged == {
-        "min": ["out_of_range", "20 is below the stated minimum, 30"],
-        "max": ["out_of_range", "20 is above the stated maximum, 10"],
-        "max_jump": ["out_of_range", "jumped by 5 from one reading to the next, more than the stated 1"],
-        "max_rate_per_min": ["out_of_range", "changed by 5 within 60 s, more than the stated 1 per minute"],
-        "stuck_after_s": ["stale", "exactly 20 for 2 s"],
+        "min": ("out_of_range", NoticeCode.BELOW_MINIMUM, {"value": 20.0, "min": 30.0}),
+        "max": ("out_of_range", NoticeCode.ABOVE_MAXIMUM, {"value": 20.0, "max": 10.0}),
+        "max_jump": ("out_of_range", NoticeCode.JUMPED, {"by": 5.0, "most": 1.0}),
+        "max_rate_per_min": ("out_of_range", NoticeCode.CHANGED_FAST, {"by": 5.0, "within_s": 60.0, "most": 1.0}),
+        "stuck_after_s": ("stale", NoticeCode.FROZEN, {"value": 20.0, "for_s": 2.0}),
     }

@@ -2,12 +2,15 @@
 
 from datetime import UTC, datetime
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.base import Quality, Reading
 from gateway.acquisition.plausibility import Check
 from gateway.config.sections import Limits
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 
 
 def judge(check: Check, value: float, at: float, quality: Quality = Quality.GOOD) -> Reading:
@@ -54,7 +57,8 @@ def test_a_step_is_no_spike_and_is_taken_with_the_next_reading_that_agrees() -> 
     readings = [judge(check, value, float(t)) for t, value in enumerate(values)]
     good = [reading.quality is Quality.GOOD for reading in readings]
     assert good == [True, True, False, True, True, False, False, True]
-    assert readings[2].detail == "jumped by 14.9 from one reading to the next, more than the stated 1"
+    assert isinstance(detail := readings[2].detail, Text)
+    assert (detail.code, detail.values) == (NoticeCode.JUMPED, {"by": pytest.approx(14.9), "most": 1.0})
 
 
 def test_a_spike_that_is_read_again_is_still_one_measurement() -> None:
