@@ -38,7 +38,7 @@ def test_polls_of_several_buses_begin_shortly_after_each_other_within_the_period
 
 def test_every_limit_of_the_file_judges_what_is_read() -> None:
     """Each limit in turn: one that has no way from the file to the judgement would go unnoticed otherwise."""
-    judged: dict[str, list[str]] = {}
+    judged: dict[str, object] = {}
     stated = {
         "min": (30.0, [20.0]),
         "max": (10.0, [20.0]),
