@@ -1,5 +1,6 @@
 """Makes the gateway's own certificate for OPC UA servers, with all that they look for in one (Part 6, 6.2.2)."""
 
+import errno
 import os
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -34,6 +35,9 @@ def make_certificate(folder: Path, host: str) -> tuple[Path, Path]:
     Raises FileExistsError for a file that is there, or another OSError.
     """
     certificate, private = folder / "gateway.der", folder / "gateway_key.pem"
+    for path in (certificate, private):  # before either is written: half a pair would be in the way of the next one
+        if path.exists():
+            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(path))
     key = rsa.generate_private_key(public_exponent=65537, key_size=LEAST_BITS)
     name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, f"talc-gateway on {host}"[:64])])
     now, public = datetime.now(UTC), key.public_key()

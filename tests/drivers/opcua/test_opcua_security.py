@@ -264,3 +264,11 @@ async def test_files_that_cannot_be_used_are_named(tmp_path: Path) -> None:
             await Sinumerik(settings, SystemClock()).connect()
         assert (raised.value.field, raised.value.what.code) == ((field,), code)
         assert raised.value.what.values["path"] == str(certificate if field == "certificate" else key)
+
+
+@pytest.mark.parametrize("there", ["gateway.der", "gateway_key.pem"])
+def test_beside_a_file_that_is_there_no_other_one_is_made(tmp_path: Path, there: str) -> None:
+    (tmp_path / there).write_bytes(b"of before")
+    with pytest.raises(FileExistsError):
+        make_certificate(tmp_path, "mill-7")
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {there: b"of before"}
