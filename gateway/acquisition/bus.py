@@ -72,7 +72,7 @@ class PolledBus:
     async def end_period(self) -> None:
         """Leave its server to others, if the bus may be told."""
         if self.is_open and self._shared is not None:
-            await _tried(self._shared.end_period())
+            await _tried("end of the period", self._shared.end_period())
 
     async def close(self) -> None:
         """Close the bus, even if it is closed already."""
@@ -82,14 +82,14 @@ class PolledBus:
 
 async def close(what: Bus | Driver) -> None:
     """Close it; an error in closing is only logged."""
-    await _tried(what.close())
+    await _tried(f"closing {what}", what.close())
 
 
-async def _tried(closing: Awaitable[None]) -> None:
+async def _tried(what: str, closing: Awaitable[None]) -> None:
     try:
         async with asyncio.timeout(_CLOSE_LIMIT_S):
             await uncancelled(closing)
     except MemoryError:
         raise
     except Exception:
-        log.debug("%s", closing, exc_info=True)
+        log.debug("%s", what, exc_info=True)

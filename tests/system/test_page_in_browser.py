@@ -15,6 +15,7 @@ import pytest
 from PIL import Image
 from playwright.sync_api import Page, Response, expect
 
+from gateway.model.text import texts
 from gateway.runtime.passwords import make_hash
 from tests.benches.axe import violations
 from tests.benches.page_rig import (
@@ -208,7 +209,7 @@ def test_the_tolerance_and_the_point_are_this_browsers_and_the_keyboard_is_enoug
         expect(page.locator("input[name=tolerance]")).to_have_value("8")
         expect(page.locator("#axes [data-axis=Y] [data-of=half]")).to_have_text(before)
     with looked_at.page("/machine/mill", locale="de-DE") as page:
-        expect(page.locator("#waits-title")).to_have_text("Worauf das Gateway wartet")
+        expect(page.locator("#waits-title")).to_have_text(texts("de")["part.waits"])
         expect(page.locator("#axes [data-axis=Y] [data-of=half]")).to_have_text(before.replace(".", ","))
         page.emulate_media(media="print")
         expect(page.locator("form")).to_be_hidden()

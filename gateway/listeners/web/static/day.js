@@ -56,8 +56,9 @@ const draw = (shown, list, i, [low, high]) => {
 };
 const show = () => {
   if (!open || !view || !view.gateway_time) return;
+  // Drawn again for new reasons, another point or the next minute, not for each message.
+  if (!changed("day", [Math.floor(now() / 60), known.size, Math.max(...known.keys()), view.reach])) return;
   const shown = steps();
-  if (!changed("day", [shown, view.reach, time(view.gateway_time)])) return;
   $("day-empty").hidden = shown.length > 0;
   $("day-shown").hidden = !shown.length;
   if (!shown.length) return;
