@@ -191,7 +191,7 @@ def _claims(groups: Mapping[Pairing, list[Run]]) -> tuple[Claim, ...]:
             found.append(
                 Claim(
                     f"Adaptive inputs leave less than static ones ({selector})",
-                    "mean E_PV 10.6 against 12.6 µm (section 5)" if selector == "pso" else "not asked",
+                    "mean E_PV 10.6 against 12.6 µm (section 5)" if selector == "pso" else "",
                     f"{mean[adaptive]:.1f} against {mean[static]:.1f} µm; by repetition {pairs} (k = 2)",
                     pairs.sure,
                     "A later season shows what the first day could not; but each new choice also rests on more noise.",
@@ -254,7 +254,7 @@ def _beside_regression(way: Pairing, runs: list[Run], plain: list[Run]) -> Claim
     own, other = float(_mean_pv(runs).mean()), float(_mean_pv(plain, "regression").mean())
     return Claim(
         f"Models leave less than a regression on all inputs ({_name(way)})",
-        "not asked",
+        "",
         f"mean E_PV {own:.2f} against {other:.2f} µm; by repetition {peak} (k = 2); E_RMS {rms}",
         peak.sure and rms.sure,
         "The regression uses all inputs and renews its gains at each measurement (those of search, adaptive); "

@@ -112,7 +112,7 @@ def _default_way(runs: list[Run], conditions: list[tuple[str, bool]]) -> Claim:
     ran_away = ", ".join(names[i] for i in np.flatnonzero(diverged))
     return Claim(
         "(ours) The gateway's models (output error) are better than ARX by least squares",
-        "not asked",
+        "",
         f"RMSE: in {better} of {len(finite)} medians"
         + (f", and where ARX ran away ({ran_away})" if ran_away else "")
         + (

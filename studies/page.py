@@ -92,6 +92,7 @@ class Claim:
 
     text: str
     paper: str
+    """What it says, and where; empty: it does not ask this."""
     here: str
     holds: bool
     why: str

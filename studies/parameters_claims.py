@@ -75,7 +75,7 @@ def _paper(cases: list[str], fixed: ByCase) -> tuple[Claim, ...]:
         ),
         Claim(
             "(ours) More frequent measurements give a smaller RMSE",
-            "not a claim of the paper",
+            "",
             f"mean RMSE {soon:.2f} µm at the shortest, {late:.2f} µm at the longest",
             soon < late,
             "A measurement removes the slow disturbance that no input explains; it grows until the next one.",
@@ -92,7 +92,7 @@ def _beside_regression(cases: list[str], chosen: Elsewhere, key: Key) -> Claim:
     less = sum(a < b for a, b in zip(ours, plain, strict=True))
     return Claim(
         f"Models leave less than a regression on all inputs with the same measurements ({name_of(key)})",
-        "not asked",
+        "",
         f"P99 {_list(ours)} against {_list(plain)} µm ({', '.join(cases)}): less on {less} of {len(cases)}",
         less == len(cases),
         f"The regression renews its gains at every measurement, {np.mean(made):.0f} in the mean; the models are "
@@ -118,7 +118,7 @@ def _with_few_measurements(cases: list[str], learner: ByCase) -> list[Claim]:
             found.append(
                 Claim(
                     f"With {most} measurements in 96 h the learner leaves a P99 of at most {goal:g} µm",
-                    "not asked",
+                    "",
                     f"{_list(p99)} ({', '.join(cases)}) at {name_of(key_of(best[0]))}",
                     max(p99) <= goal,
                     f"{_list([float(p['measurements']) for p in best], 0)} measurements, the first hours' included.",
@@ -139,7 +139,7 @@ def _fewer_than_regression(cases: list[str], fronts: dict[str, ByCase]) -> Claim
     ours, plain = made.values()
     return Claim(
         "At P99 ≤ 5 µm the best of our ways needs fewer measurements than a regression on all inputs",
-        "not asked",
+        "",
         f"{_list(ours, 0)} against {_list(plain, 0)} ({', '.join(cases)})",
         all(a < b for a, b in zip(ours, plain, strict=True)),
         "Both after dense and sparse calibrations. Ours are the best in hindsight of more sets (all no-good lengths, "
@@ -163,7 +163,7 @@ def _policies(cases: list[str], fronts: dict[str, ByCase], kind: str, title: str
         equal = f"; after calibrations of equal length {_list([after])}"
     return Claim(
         f"At P99 ≤ 5 µm policies need at most half of a fixed interval's measurements, {title} (our goal)",
-        "not asked",
+        "",
         f"policy / fixed: {listed}: fewer on {sum(a < b for a, b in both)} of {len(cases)}, mean ratio "
         f"{_list([ratio])}; {common}{equal}",
         ratio <= _GOAL,
@@ -180,7 +180,7 @@ def _common(fronts: dict[str, ByCase]) -> Claim:
     plain, few = (mean_made(fronts[kind], best_common(fronts[kind])) for kind in ("fixed", "sparse_adaptive"))
     return Claim(
         "Sparse calibrations with policies need half of the measurements of the paper's way at equal P99 (our goal)",
-        "not asked",
+        "",
         f"best common {_list([few], 0)} against {_list([plain], 0)} measurements; with a fixed interval "
         f"{_count(fronts['sparse_fixed'])}; the regression {_count(fronts['regression'])}, after sparse calibrations "
         f"{_count(fronts['sparse_regression'])}",
@@ -211,7 +211,7 @@ def _chosen_elsewhere(chosen: Elsewhere) -> list[Claim]:
             found.append(
                 Claim(
                     f"What was chosen keeps P99 below 5 µm {title}",
-                    "not asked",
+                    "",
                     "; ".join(f"{name_of(key)}: {n} of {every}" for key, n in kept.items()),
                     all(n == every for n in kept.values()),
                     why,

@@ -135,7 +135,7 @@ def _beside_peers(
     return Claim(
         f"A learned model does better than simple methods on the same measurements, with{'' if term else 'out'} growth "
         "term",
-        "not asked",
+        "",
         f"{best} {mean[best]:.2f} µm, {own} {mean[own]:.2f} µm; by repetition {pairs} (k = 2)"
         + (f"; {best} is as good or better in {', '.join(worse)}" if worse else ""),
         mean[own] < mean[best] and pairs.sure,
@@ -150,7 +150,7 @@ def _learner(means: dict[CaseKey, dict[str, float]], term: str) -> Claim:
     lost = [_title(where) for where, value in ratio.items() if value > _EQUAL]
     return Claim(
         f"The learner leaves no more than the regression, within 5 %, with{'' if term else 'out'} growth term",
-        "not asked",
+        "",
         f"{min(ratio.values()):.2f} to {max(ratio.values()):.2f} of it"
         + (f"; more with {', '.join(lost)}" if lost else ", in all places"),
         not lost,
@@ -171,7 +171,7 @@ def _elsewhere(means: dict[CaseKey, dict[str, float]]) -> list[Claim]:
         found.append(
             Claim(
                 f"The same on other machines, axes and with failing sensors, with{'' if term else 'out'} growth term",
-                "not asked",
+                "",
                 f"TALC leaves less than either peer in {len(others) - len(lost)} of {len(others)}"
                 + (f"; not with {', '.join(lost)}" if lost else "")
                 + (f"; more than no compensation with {', '.join(harmed)}" if harmed else ""),
