@@ -103,7 +103,8 @@ async def test_a_file_that_takes_long_is_refused_and_leaves_nothing_behind(tmp_p
         (said,) = refused.value.args
         assert (said.code, said.values["why"].code) == ("reload_not_judged", "work_slow")
         assert service.fingerprint == before
-        assert (threading.active_count(), _children()) == (threads, children)
+        # The thread that waited for the process ends a moment after it has told so.
+        await until(lambda: (threading.active_count(), _children()) == (threads, children))
     finally:
         stop.set()
         await running
