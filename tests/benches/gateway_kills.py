@@ -261,7 +261,6 @@ async def gateways_killed(kills: int, folder: Path) -> Kills:
     host = TcpHost({1: Adam6015(lambda: [*temperatures(time.time() / STEP_S), 20.0, 20.0, 20.0, 20.0, 20.0])})
     path = folder / "gateway.toml"
     async with AsyncExitStack() as stack:
-        stack.push_async_callback(asyncio.get_running_loop().shutdown_default_executor)
         stack.push_async_callback(control.stop)
         stack.push_async_callback(host.stop)
         nc, url = await stack.enter_async_context(wire_to(await control.start()))

@@ -1,5 +1,7 @@
 """The whole gateway, killed at any moment while it compensates. `tests.benches.gateway_kills` does it for longer."""
 
+import asyncio
+from contextlib import AsyncExitStack
 from pathlib import Path
 from tempfile import mkdtemp
 
@@ -10,16 +12,18 @@ from tests.benches.gateway_kills import PERIOD_S, RATE_UM_PER_S, gateways_killed
 
 
 async def test_a_gateway_killed_at_any_moment_makes_no_step(tmp_path: Path) -> None:
-    for _ in range(3):
-        found = await gateways_killed(8, Path(mkdtemp(dir=tmp_path)))
-        judged(found.log)
-        assert found.moved >= found.count // 3
-        assert found.reached_um > RATE_UM_PER_S * PERIOD_S, "some lived for more than one step of Z"
-        assert found.whole
-        if any(entry.ramped for entry in found.log):
-            return
-        # Seldom, all kills fall where no offset is left that the watchdog would take back.
-    pytest.fail("the watchdog ramped in none of three runs")
+    async with AsyncExitStack() as stack:
+        stack.push_async_callback(asyncio.get_running_loop().shutdown_default_executor)
+        for _ in range(3):
+            found = await gateways_killed(8, Path(mkdtemp(dir=tmp_path)))
+            judged(found.log)
+            assert found.moved >= found.count // 3
+            assert found.reached_um > RATE_UM_PER_S * PERIOD_S, "some lived for more than one step of Z"
+            assert found.whole
+            if any(entry.ramped for entry in found.log):
+                return
+            # Seldom, all kills fall where no offset is left that the watchdog would take back.
+        pytest.fail("the watchdog ramped in none of three runs")
 
 
 @pytest.mark.parametrize(
