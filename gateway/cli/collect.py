@@ -35,7 +35,7 @@ def collect(
 
     \b
     Asks each gateway for the rows that follow those that are there: none is lost or stored twice, however often
-    gateways, routers and this command are stopped or killed (docs/collect.md). Gateways may come and go; it tries again
+    gateways, routers and this command are stopped or killed (docs/site.md). Gateways may come and go; it tries again
     until SIGINT or SIGTERM, and says at the end what was collected.
     """
     need_extra("postgres" if "://" in site else "parquet")

@@ -79,7 +79,7 @@ def export(database: Path, table: str, output: Path) -> None:
 def backup(database: Path, output: Path, without_readings: bool) -> None:
     """Copy DATABASE to a file, also while a gateway writes to it; the file appears once it is complete.
 
-    A gateway that is started with the copy goes on from it, also on another computer (docs/collect.md).
+    A gateway that is started with the copy goes on from it, also on another computer (docs/site.md).
     """
     from gateway.storage.backup import back_up
 

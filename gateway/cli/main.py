@@ -294,7 +294,7 @@ def web(shown: dict[str, Any]) -> None:
 
 
 @main.command()
-@serving_options("127.0.0.1:4840", "nameplates, certificate, users (docs/outlets.md)")
+@serving_options("127.0.0.1:4840", "nameplates, certificate, users (docs/site.md)")
 def opcua(shown: dict[str, Any]) -> None:
     """Show machines to OPC UA clients after OPC UA for Machine Tools (umati), read-only.
 

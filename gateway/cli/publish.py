@@ -11,7 +11,7 @@ from gateway.cli.arguments import AnyFile
 @click.argument("outlets", type=AnyFile)
 @click.option("--check", "only_check", is_flag=True, help="Check OUTLETS and end, without using the network.")
 def publish(outlets: Path, only_check: bool) -> None:
-    """Forward what gateways publish to the systems of OUTLETS, a TOML file: MQTT, InfluxDB (docs/outlets.md).
+    """Forward what gateways publish to the systems of OUTLETS, a TOML file: MQTT, InfluxDB (docs/site.md).
 
     \b
     It is a separate process, which only listens to the gateways, so that nothing here can delay or change a machine. A

@@ -145,7 +145,7 @@ def check_contents(contents: Path, report: Path) -> None:
     assert units == {path.name for path in (ROOT / "deploy" / "systemd").iterdir()}
     assert "python-can" in notices
     (code,) = (contents / OWN).glob("lib/python3.*/site-packages/asyncua/__pycache__/__init__.*.pyc")
-    assert int.from_bytes(code.read_bytes()[4:8], "little") == 1, "unchecked-hash, as docs/cyber-resilience.md says"
+    assert int.from_bytes(code.read_bytes()[4:8], "little") == 1, "unchecked-hash, as docs/site.md says"
     unit = (contents / "usr/lib/systemd/system/talc-gateway.service").read_text()
     assert "ExecStart=/opt/talc-gateway/bin/talc-gateway run /etc/talc-gateway/gateway.toml" in unit
 

@@ -83,7 +83,7 @@ def _named(config: GatewayConfig) -> Iterator[tuple[str, Path, Text, str]]:
         silent = Text(NoticeCode.NOBODY_HEARS)
         for section, part in (("[telemetry.tls]", telemetry.tls), ("[telemetry]", telemetry)):
             for name, path in _files(part):
-                yield f"{section} {name}", path, silent, "docs/secure-telemetry.md"
+                yield f"{section} {name}", path, silent, "docs/site.md"
         for operator in telemetry.operators:
             deaf = Text(NoticeCode.COMMANDS_REFUSED, operator=operator.name)
             yield f"[[telemetry.operator]] '{operator.name}', key_file", operator.key_file, deaf, "docs/commands.md"

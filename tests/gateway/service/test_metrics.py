@@ -311,7 +311,7 @@ def test_an_impossible_or_open_address_is_refused(metrics: str, said: str) -> No
 
 
 def test_the_page_lists_every_figure_and_its_labels(whole: GatewayFigures) -> None:
-    page = (Path(__file__).parents[3] / "docs" / "outlets.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[3] / "docs" / "site.md").read_text(encoding="utf-8")
     rows = [(re.findall(r"`(talc_\w+)`", a), {*re.findall(r"`(\w+)`", b)}) for a, b in re.findall(ROW, page)]
     listed = {name: labels | {"machine"} for names, labels in rows for name in names}
     assert listed == {sample.name: set(sample.labels) for family in served(whole) for sample in family.samples}

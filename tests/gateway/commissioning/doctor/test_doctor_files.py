@@ -24,7 +24,7 @@ profile = "icpdas_m7015"
 channels = { bed = 0 }
 """
 HEARD = "nobody on another computer can hear the gateway"
-RENEW = "renew the file, or set the clock of this computer if it is wrong (docs/secure-telemetry.md)"
+RENEW = "renew the file, or set the clock of this computer if it is wrong (docs/site.md)"
 
 
 @pytest.mark.parametrize(
@@ -34,13 +34,13 @@ RENEW = "renew the file, or set the clock of this computer if it is wrong (docs/
          "[[telemetry.operator]] 'anna', key_file", "short", "every command of 'anna' is refused",
          "make a new key: openssl rand -hex 32 > 'WORD'; its owner needs the same one (docs/commands.md)"),
         ('[telemetry]\nusers_file = "WORD"', "[telemetry] users_file", "anna:a\nbob\n", HEARD,
-         "correct the file: expected a line user:password for each user (docs/secure-telemetry.md)"),
+         "correct the file: expected a line user:password for each user (docs/site.md)"),
         ('[telemetry]\nusers_file = "WORD"', "[telemetry] users_file", "", HEARD,
-         "correct the file: expected a line user:password for each user (docs/secure-telemetry.md)"),
+         "correct the file: expected a line user:password for each user (docs/site.md)"),
         ('[telemetry]\nuser = "anna"\npassword_file = "WORD"\nconnect = ["tcp/127.0.0.1:7447"]',
-         "[telemetry] password_file", "\n", HEARD, "write the password into the file (docs/secure-telemetry.md)"),
+         "[telemetry] password_file", "\n", HEARD, "write the password into the file (docs/site.md)"),
         ('[telemetry.tls]\ncertificate = "MILL.pem"\nkey = "WORD"', "[telemetry.tls] key", "no key", HEARD,
-         "copy the key that belongs to the certificate, or make both again (docs/secure-telemetry.md)"),
+         "copy the key that belongs to the certificate, or make both again (docs/site.md)"),
         ('[telemetry.tls]\ncertificate = "OLD.pem"\nkey = "OLD.key"', "[telemetry.tls] certificate", "", HEARD, RENEW),
         ('[telemetry.tls]\nauthority = "OLD.pem"', "[telemetry.tls] authority", "", HEARD, RENEW),
     ],

@@ -24,7 +24,7 @@ from tests.benches.stepped_clock import SteppedClock
 from tests.benches.stored_site import step
 from tests.benches.waits import LIMIT_S
 
-PAGE = (Path(__file__).parents[4] / "docs" / "collect.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parents[4] / "docs" / "site.md").read_text(encoding="utf-8")
 
 
 @pytest.fixture

@@ -29,7 +29,7 @@ from tests.benches.stepped_clock import SteppedClock
 from tests.benches.stored_site import step
 from tests.benches.waits import until, wait_until
 
-PAGE = (Path(__file__).parents[4] / "docs" / "collect.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parents[4] / "docs" / "site.md").read_text(encoding="utf-8")
 LIMIT_S = 120.0
 CONNECTED = "SELECT pid FROM pg_stat_activity WHERE usename = 'guarded'"
 
