@@ -167,7 +167,7 @@ class HeardMachine:
         at = self.now.isoformat()
         self.hear(f"reading/{channel}", ReadingMessage(*self.stamp(), channel, value, unit, quality, at, 0.0, 1, ""))
 
-    def event(self, kind: str = "problem", text: str = "bus rtu1: no answer", subject: str = "") -> None:
+    def event(self, kind: str = "problem", text: str = "bus rtu1: no answer", subject: object = "") -> None:
         values = {"subject": subject} if subject else {}
         self.hear("event", EventMessage(*self.stamp(), None, kind, text, None, None, None, values=values))
 

@@ -8,6 +8,7 @@ from statistics import median
 
 from drivers.base import Quality
 from gateway.listeners.web.sentences import Amount, Atom, SaidRow, Sentence, ToldName, Word, at, in_each, name, told, um
+from gateway.model.codes import NoticeCode
 from gateway.model.compensation import Source
 from gateway.model.control_state import NcState
 from gateway.model.standing import Standing
@@ -267,7 +268,24 @@ def failed(seen: MachineSeen) -> Sentence | None:
     good, all_of_them = _counted(seen)
     if not seen.present or good >= all_of_them:
         return None
-    return Sentence("channels.failed", {"n": Amount(all_of_them - good, d=0), "all": Amount(all_of_them, d=0)})
+    values: dict[str, Atom] = {"n": Amount(all_of_them - good, d=0), "all": Amount(all_of_them, d=0)}
+    lost = _lost(seen)
+    if not lost:
+        return Sentence("channels.failed", values)
+    values["first"] = in_each(lost[0])
+    if len(lost) > 1:
+        return Sentence("channels.failed_more", values | {"more": Amount(len(lost) - 1, d=0)})
+    return Sentence("channels.failed_at", values)
+
+
+def _lost(seen: MachineSeen) -> list[Text]:
+    """Buses that cannot be opened, then devices that do not answer, as this run of the gateway has said."""
+    lost: dict[tuple[str, str], bool] = {}
+    for event in seen.events:
+        match event.values.get("subject"):
+            case {"code": NoticeCode.BUS | NoticeCode.DEVICE as code, "values": {"name": str(name)}}:
+                lost[code, name] = event.boot == seen.boot and event.kind == EventKind.PROBLEM
+    return [Text(code, name=name) for (code, name), lasts in sorted(lost.items()) if lasts]
 
 
 def _counted(seen: MachineSeen) -> tuple[int, int]:

@@ -7,6 +7,8 @@ import pytest
 
 from gateway.listeners.web import parts
 from gateway.listeners.web.sentences import Amount, Atom, SaidRow, Sentence, ToldName, at, in_each
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text, json_of
 from gateway.model.wording import finding_text
 from gateway.telemetry.messages import PublishedReason, ReasonsMessage, SensorFinding
 from tests.benches.heard import BEGAN, STEP, HeardMachine
@@ -143,6 +145,26 @@ def test_channels_without_a_value_stand_beside_the_verdict() -> None:
     assert said.values["n"] == Amount(4, d=0)
     heard.seen.disappear(heard.now)
     assert parts.failed(heard.seen) is None, "nothing is known of a gateway that is gone"
+
+
+def test_a_bus_or_a_device_that_failed_is_named_beside_the_verdict_until_it_answers() -> None:
+    heard = HeardMachine()
+    heard.reading("bed", None, "comm_fault")
+    bus, device, channel = (Text(code, name="rtu1") for code in (NoticeCode.BUS, NoticeCode.DEVICE, NoticeCode.CHANNEL))
+
+    def first() -> object:
+        said = parts.failed(heard.seen)
+        assert said is not None
+        return said.values.get("first"), said.values.get("more")
+
+    for subject in (channel, device, bus):
+        heard.event(subject=json_of({"": subject})[""])
+    assert first() == (in_each(bus), Amount(1, d=0))
+    heard.event("problem_ended", subject=json_of({"": device})[""])
+    assert first() == (in_each(bus), None)
+    heard.boot = "boot-2"
+    heard.reading("bed", None, "comm_fault")
+    assert first() == (None, None), "the new run has not said so"
 
 
 def test_what_moves_an_error_adds_up_to_its_estimate() -> None:
