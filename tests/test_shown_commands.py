@@ -84,7 +84,6 @@ def test_what_is_shown_can_be_given(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     ("module", "made"),
     [
         ("gateway.config.reference", "docs/configuration.md"),
-        ("tests.benches.faults.page", "docs/faults.md"),
         ("gateway.telemetry", "docs/telemetry"),
     ],
 )

@@ -220,21 +220,3 @@ MODBUS_LINE = ("rtu", "pta", "analogue", "blocks")
 CANOPEN = ("slcan", "sync", "timer")
 CAN = (*CANOPEN, "dbc")
 ME_LINE = ("me_rs485", "dt6120")
-WIRES: Mapping[str, str] = {
-    "rtu": "Modbus RTU, `icpdas_m7015`",
-    "pta": "Modbus RTU, `eletechsup_pta8d08`",
-    "analogue": "Modbus RTU, `analogue_displacement`",
-    "blocks": "Modbus RTU, a profile with two `[[block]]`",
-    "tcp": "Modbus TCP, `advantech_adam6015`",
-    "wago": "Modbus TCP, `wago_750_464`",
-    "slcan": "CANopen by SDO, `slcan`",
-    "heartbeat": "CANopen by SDO, heartbeat watched",
-    "sync": "CANopen by SYNC, `slcan`",
-    "timer": "CANopen by timer, `slcan`",
-    "multicast": "CANopen by SDO, `udp_multicast`",
-    "dbc": "plain CAN by DBC, `slcan`",
-    "me_rs485": "RS-485, `me_rs485`",
-    "dt6120": "RS-485, `me_dt6120`",
-    "me_ethernet": "Ethernet, `me_ethernet`",
-}
-"""What a user calls each plant."""
