@@ -29,7 +29,9 @@ _LINE: Final = 0.0175
 """Height of a line of text, as a share of the page's."""
 _LETTERS: Final = 104
 """In a line of ordinary text."""
-_MOST_ROWS: Final = 38
+_MOST_NAMES: Final = 10
+_SIZES: Final = (8.0, 7.0, 6.0, 5.0)
+"""Of a table's letters, in points: the largest with which it fits."""
 _GREY = "#5a6570"
 _ZONE = "#e7f3ef"
 _RULE = "#cdd4db"
@@ -64,19 +66,29 @@ class _Sheet:
                 self._y -= _LINE
         self._y -= 0.5 * _LINE
 
-    def table(self, heads: Sequence[str], rows: Sequence[Sequence[str]], widths: Sequence[float]) -> None:
-        """widths: shares of the page; what does not fit a cell goes on below it."""
+    def table(self, heads: Sequence[str], rows: Sequence[Sequence[str]], widths: Sequence[float],
+              room: float = 1.0) -> None:  # fmt: skip
+        """widths: shares of the page; what does not fit a cell goes on below it. room: share of the page's height"""
         across = (_RIGHT - _LEFT) / sum(widths)
         starts = [_LEFT + across * sum(widths[:i]) for i in range(len(widths))]
-        for i, row in enumerate((heads, *rows)):
-            size = [max(round(w / sum(widths) * _LETTERS) - 1, 4) for w in widths]
-            cells = [textwrap.wrap(cell, n) or [""] for cell, n in zip(row, size, strict=True)]
+        for size in _SIZES:
+            high, letters = 0.92 * _LINE * size / 8.0, _LETTERS * 8.0 / size / sum(widths)
+            lines = [
+                [
+                    textwrap.wrap(cell, max(round(w * letters) - 1, 4)) or [""]
+                    for cell, w in zip(row, widths, strict=True)
+                ]
+                for row in (heads, *rows)
+            ]
+            if sum(high * max(map(len, cells)) + 0.25 * high for cells in lines) <= room:
+                break
+        for i, cells in enumerate(lines):
             for x, cell in zip(starts, cells, strict=True):
                 for j, line in enumerate(cell):
-                    self._text(x, self._y - j * _LINE * 0.92, line, size=8, colour=_GREY if not i else "#111")
-            self._y -= _LINE * 0.92 * max(map(len, cells)) + 0.002
-            self.figure.add_artist(mpl.lines.Line2D([_LEFT, _RIGHT], [self._y + 0.002] * 2, color=_RULE, lw=0.5))
-            self._y -= 0.002
+                    self._text(x, self._y - j * high, line, size=size, colour=_GREY if not i else "#111")
+            self._y -= high * max(map(len, cells)) + 0.125 * high
+            self.figure.add_artist(mpl.lines.Line2D([_LEFT, _RIGHT], [self._y + 0.125 * high] * 2, color=_RULE, lw=0.5))
+            self._y -= 0.125 * high
         self._y -= 0.8 * _LINE
 
     def numbers(self, found: Sequence[tuple[str, str]]) -> None:
@@ -175,7 +187,7 @@ def _to_do(data: ReportData, s: Summary, said: Language) -> list[str]:
         found.append(said("report_paper.suspect", text=said.of(suspects[-1].text)))
     never = [name for name, counts in data.channel_health.items() if not counts.get(Quality.GOOD)]
     if never:
-        found.append(said("report_paper.silent", names=", ".join(never)))
+        found.append(said("report_paper.silent", names=_some(never)))
     if data.mode != "compensate" and data.recorded is None:
         found.append(said("report_paper.mode", mode=data.mode))
     good = {row.name for row in s.tool if row.compensated_e_rms <= row.e_rms}
@@ -183,15 +195,20 @@ def _to_do(data: ReportData, s: Summary, said: Language) -> list[str]:
         found.append(said("report_paper.worse", names=", ".join(worse)))
     late = [what for what, _, _, due in data.instruments if due and due < f"{_last_day(data)}"]
     if late:
-        found.append(said("report_paper.overdue", names=", ".join(late)))
+        found.append(said("report_paper.overdue", names=_some(late)))
     return found
+
+
+def _some(names: Sequence[str]) -> str:
+    more = len(names) - _MOST_NAMES
+    return ", ".join(names[:_MOST_NAMES]) + (f" + {more}" if more > 0 else "")
 
 
 def _last_day(data: ReportData) -> str:
     return data.moment(float(data.time_s[-1])).split()[1] if data.origin_s is None else ""
 
 
-def _quality(sheet: _Sheet, data: ReportData, s: Summary, said: Language) -> None:
+def _quality(sheet: _Sheet, data: ReportData, _: Summary, said: Language) -> None:
     """What was measured with, how sure it is, and how often that was true."""
 
     def t(key: str, **values: Value) -> str:
@@ -200,7 +217,7 @@ def _quality(sheet: _Sheet, data: ReportData, s: Summary, said: Language) -> Non
     sheet.heading(t("quality"))
     sheet.heading(t("instruments"), 9.5)
     if data.instruments:
-        sheet.table([t("what"), t("serial"), t("calibrated"), t("due")], data.instruments[:12], (3, 3, 2, 2))
+        sheet.table([t("what"), t("serial"), t("calibrated"), t("due")], data.instruments, (6, 6, 1.7, 1.7), 0.52)
     else:
         sheet.lines([t("no_instruments")])
     if data.sphere_m is not None:
@@ -211,12 +228,6 @@ def _quality(sheet: _Sheet, data: ReportData, s: Summary, said: Language) -> Non
     rows = [_uncertain(data, each, said) for each in covered(data)]
     heads = [said("report_column.error"), said("report_column.unit"), t("noise"), t("half"), t("count"), t("inside")]
     sheet.table(heads, rows, (2, 1, 2, 2, 2, 2))
-    sheet.heading(said("report.without_and_with"), 9.5)
-    sheet.lines([said("report.basis", basis=said(f"report_basis.{s.basis}"),
-                      begin=data.moment(s.begin_hours * 3600.0))], colour=_GREY)  # fmt: skip
-    heads = [said("report_column.error"), said("report_column.unit"), "E_RMS", said("report_column.with"), "E_PV",
-             said("report_column.with"), said("report_column.change")]  # fmt: skip
-    sheet.table(heads, [_figures(row, said) for row in (*s.tool, *s.rows)], (2, 1, 1.3, 1.3, 1.3, 1.3, 3))
 
 
 def _uncertain(data: ReportData, c: Covered, said: Language) -> tuple[str, ...]:
@@ -252,7 +263,14 @@ def _charts(sheet: _Sheet, data: ReportData, group: ChartGroup | None, most: int
 
 
 def _tool(sheet: _Sheet, data: ReportData, s: Summary, said: Language) -> None:
-    sheet.heading(said("report_line.tool"))
+    """What was gained, and its course."""
+    sheet.heading(said("report.without_and_with"))
+    sheet.lines([said("report.basis", basis=said(f"report_basis.{s.basis}"),
+                      begin=data.moment(s.begin_hours * 3600.0))], colour=_GREY)  # fmt: skip
+    heads = [said("report_column.error"), said("report_column.unit"), "E_RMS", said("report_column.with"), "E_PV",
+             said("report_column.with"), said("report_column.change")]  # fmt: skip
+    sheet.table(heads, [_figures(row, said) for row in (*s.tool, *s.rows)], (2, 1, 1.1, 1.1, 1.1, 1.1, 4))
+    sheet.heading(said("report_line.tool"), 9.5)
     _charts(sheet, data, tool_charts(data, s.course), 3, said)
 
 
@@ -289,7 +307,8 @@ def _records(sheet: _Sheet, data: ReportData, s: Summary, said: Language) -> Non
     sheet.heading(said("report.channels"))
     good = len(data.channel_health) - len(bad)
     room = max(int(sheet.left / _LINE) - 14, 3)
-    sheet.lines(bad[:room] or [said("report.all_good", n=good)])
+    more = [said("report_paper.more", n=len(bad) - room)] if len(bad) > room else []
+    sheet.lines([*bad[:room], *more] or [said("report.all_good", n=good)])
     sheet.heading(said("report.how_made"))
     made = [f"{said('report.configuration')} {data.fingerprint}", data.versions]
     if data.source:

@@ -1,6 +1,7 @@
 """The report on paper: its pages, and how often later measurements confirm its intervals and the tolerance."""
 
 import re
+import subprocess
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,15 +16,35 @@ from gateway.reporting.paper import write_paper
 from tests.benches.small_run import small_run
 
 
-def test_a_run_is_printed_on_at_most_six_pages(tmp_path: Path) -> None:
-    many = tuple((f"sensor {i}", f"SN {i}", "2025-11-03", "2025-12-03") for i in range(40))
+def printed(paper: Path, form: str) -> list[str]:
+    """What another program reads on each page. form: an option of pdftotext"""
+    run = ["pdftotext", form, str(paper), "-"]
+    found = subprocess.run(run, capture_output=True, text=True, check=True, timeout=60).stdout
+    return re.split(r"\f|</page>", found)[:-1]
+
+
+@pytest.mark.peer
+def test_a_run_is_printed_on_at_most_six_pages_with_its_figures_and_every_instrument(tmp_path: Path) -> None:
+    many = tuple((f"{'sensor of the bed ' * 3}{i:02}", f"{'A1b-' * 14}{i:03}", "2025-11-03", "") for i in range(39))
+    instruments = (*many, ("probe", "P-7", "2025-01-01", "2025-12-03"))
     health = {f"channel_{i}": {"good": 1, "timeout": 2} for i in range(200)}
-    full = replace(small_run(48), language="de", tolerance_um=8.0, instruments=many, channel_health=health)
-    for data in (full, small_run(1)):
-        write_paper(tmp_path / "report.pdf", data)
-        found = (tmp_path / "report.pdf").read_bytes()
-        assert found.startswith(b"%PDF-")
-        assert 1 <= len(re.findall(rb"/Type /Page\b", found)) <= 6
+    hashed = "5f" * 32
+    full = replace(small_run(48), language="de", tolerance_um=8.0, instruments=instruments)
+    paper = tmp_path / "report.pdf"
+    write_paper(paper, replace(full, channel_health=health, source=hashed))
+    pages = printed(paper, "-layout")
+    assert len(pages) == 6
+    for figure in ("40 → 4,0 µm", "90 %", "100 %", "± 8 µm", "24 min", "probe"):  # probed 12 times, 2 min each
+        assert figure in pages[0], figure
+    assert [serial for _, serial, _, _ in instruments if serial not in pages[1]] == []
+    assert hashed in pages[5]
+    for page in printed(paper, "-bbox"):
+        height = float(re.findall(r'<page .*height="([\d.]+)"', page)[0])
+        *ends, foot = sorted({float(end) for end in re.findall(r'yMax="([\d.]+)"', page)})
+        assert ends[-1] < foot - 5.0, "nothing is printed over the foot of the page"
+        assert foot < height
+    write_paper(paper, small_run(1))
+    assert len(printed(paper, "-layout")) <= 6
 
 
 def test_the_intervals_are_counted_against_the_measurements_that_came_after_them() -> None:
