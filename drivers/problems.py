@@ -19,7 +19,7 @@ Location = Sequence[str | int]
 _MOST_HOMES = 3
 _MOST_TOLD = 100
 _LONGEST_NAME = 100
-_CLOSE = 0.75
+_CLOSE, _CLOSE_KIND = 0.75, 0.8
 _TABLES = ("model_type", "model_attributes_type", "dataclass_type", "dict_type")
 M = TypeVar("M", bound=BaseModel)
 
@@ -87,16 +87,18 @@ def _one_line(text: str) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
-def suggestion(wrong: str, right: Iterable[str]) -> str:
-    """`did you mean 'baud'?`, or the possible names when none is close."""
+def suggestion(wrong: str, right: Iterable[str], close: float = 0.6) -> str:
+    """`did you mean 'baud'?`, or the possible names when none is as close as `close`, from 0 to 1."""
     names = sorted(right)
     begun = [name for name in names if wrong and name.startswith(wrong)]
-    if len(begun) > 1:
-        return Text("mean_one_of", names=" or ".join(repr(name) for name in begun))
+    within = begun or [name for name in names if wrong in name.split("_")]
+    if len(within) > 1:
+        return Text("mean_one_of", names=" or ".join(repr(name) for name in within))
+    if begun:
+        return Text("mean", name=begun[0])
     alike = {name.lower().replace("-", "_"): name for name in names}
-    close = get_close_matches(wrong[:_LONGEST_NAME].lower().replace("-", "_"), alike, n=1, cutoff=0.6)
-    if close:
-        return Text("mean", name=alike[close[0]])
+    if found := get_close_matches(wrong[:_LONGEST_NAME].lower().replace("-", "_"), alike, n=1, cutoff=close):
+        return Text("mean", name=alike[found[0]])
     return Text("possible", names=", ".join(names)) if names else Text("none_possible")
 
 
@@ -152,6 +154,9 @@ def problems_of(
     # A default derived from an invalid field is not a second mistake.
     whole = (d for d in error.errors(include_url=False) if d["type"] != "default_factory_not_called")
     details = list(islice(whole, _MOST_TOLD))
+    # Nor is the length of a list with invalid entries.
+    around = {d["loc"][:length] for d in details for length in range(len(d["loc"]))}
+    details = [d for d in details if d["type"] != "too_short" or d["loc"] not in around]
     meant = {(*d["loc"][:-1], name) for d in details if d["type"] == "missing" if (name := _misspelt(d, details))}
     found: dict[Location, Problem] = {}
     for detail in details:
@@ -181,37 +186,47 @@ def _problem(
 ) -> Problem:
     location = _without_tags(detail["loc"], data)
     kind, value, context = detail["type"], detail.get("input"), detail.get("ctx", {})
-    key = str(location[-1]) if location else ""
+    types = list(_annotations(root, detail["loc"]))
     match kind:
         case "extra_forbidden" | "unexpected_keyword_argument":
-            what = _unknown_key(key, list(_annotations(root, detail["loc"][:-1])), root)
+            holder = list(_annotations(root, detail["loc"][:-1]))
+            what = _unknown_key(location, holder, root, table=isinstance(value, dict))
         case "missing":
             if (other := _misspelt(detail, details)) is not None:
                 what = Text("missing_misspelt", other=other)
             else:
                 what = Text("missing_no_default") if isinstance(location[-1], str) else Text("missing_entries")
         case "union_tag_not_found":
-            what = Text("missing_kind", advice=suggestion("", _tags(_annotations(root, detail["loc"]))))
+            what = Text("missing_kind", advice=suggestion("", _tags(types)))
         case "union_tag_invalid":
-            tags = _tags(_annotations(root, detail["loc"]))
-            tag = str(context.get("tag"))
-            location, what = (*location, "kind"), Text("unknown_kind", tag=tag, advice=suggestion(tag, tags))
+            location, tag = (*location, "kind"), str(context.get("tag"))
+            what = Text("unknown_kind", tag=tag, advice=suggestion(tag, _tags(types), _CLOSE_KIND))
         case "value_error" if isinstance(error := context.get("error"), Exception):
             field, what = _raised(error)
             location = (*location, *field)
-        case "literal_error" if isinstance(value, str):
-            choices = _choices(_annotations(root, detail["loc"]))
-            what = Text("invalid", value=shown(value), advice=suggestion(value, choices))
         case "literal_error":
-            wanted = Text("one_of", names=_choices(_annotations(root, detail["loc"])))
+            choices = _choices(types)
+            if isinstance(value, str) and (texts := [choice for choice in choices if isinstance(choice, str)]):
+                return Problem("", Text("invalid", value=shown(value), advice=suggestion(value, texts)), location)
+            wanted = Text("one_of", names=[str(choice) for choice in choices])
             return Problem("", Text("expected", value=shown(value), wanted=wanted), location, wanted)
+        case _ if (brackets := _other_brackets(types, value, kind)) is not None:
+            what = Text(brackets, name=".".join(part for part in location if isinstance(part, str)))
         case _:
             wrong = _expecting(value, kind, context, detail["msg"])
-            types = list(_annotations(root, detail["loc"]))
             example = _example(location, types, value) if kind in _TABLES else _listed(types, value, kind)
             what = Text("such_as", wanted=wrong.what, example=example) if example else plain(wrong.what)
             return Problem("", what, location, wrong.expected)
     return Problem("", what, location)
+
+
+def _other_brackets(types: Iterable[object], value: object, kind: str) -> str | None:
+    """Code of the advice for a section that needs the other brackets; None: it is another mistake."""
+    if kind in _TABLES and isinstance(value, list) and value and isinstance(value[0], dict):
+        return "toml_single"
+    entries = [get_args(member)[0] for member in types if get_origin(member) is tuple]
+    tables = any(isinstance(each, type) and _fields(each) for entry in entries for each in _members(entry))
+    return "toml_several" if tables and kind == "tuple_type" and isinstance(value, dict) else None
 
 
 def _raised(error: Exception) -> tuple[Location, Text]:
@@ -221,9 +236,14 @@ def _raised(error: Exception) -> tuple[Location, Text]:
     return (error.field, error.advice) if isinstance(error, DriverError) else ((), text_of(error))
 
 
-def _unknown_key(key: str, holder: Sequence[object], root: type[BaseModel]) -> Text:
+def _unknown_key(location: Location, holder: Sequence[object], root: type[BaseModel], *, table: bool) -> Text:
+    key, section_of = str(location[-1]), str(location[0])
     homes = [title for title, names, section in _sections(root) if key in names and section not in holder]
+    if len(location) > 1 and isinstance(location[1], str):  # what some kinds of another section have is far away
+        homes = [each for each in homes if " of kind" not in each or each.startswith(f"[{section_of}]")]
     if homes and not get_close_matches(key, _keys(holder), n=1, cutoff=_CLOSE):
+        if table:
+            homes = [f"[{title.partition(']')[0].strip('[')}.{key}]" for title in homes]
         nearest = sorted(dict.fromkeys(homes), key=lambda title: title.count("."))
         return Text("unknown_key_elsewhere", sections=" or ".join(nearest[:_MOST_HOMES]))
     return Text("unknown_key", advice=suggestion(key, _keys(holder)))
@@ -297,15 +317,16 @@ def _sections(holder: type, path: str = "") -> Iterator[tuple[str, Iterable[str]
     too."""
     for key, annotation in _fields(holder).items():
         here = f"{path}.{key}".removeprefix(".")
-        for member in _members(annotation):
+        for member in (members := list(_members(annotation))):
             origin = get_origin(member)
             listed, mapped = origin is tuple, origin is Mapping
             inner = list(_members(get_args(member)[0 if listed else 1])) if listed or mapped else [member]
+            kinds = len(_tags(inner if len(inner) > 1 else members))
             for each in inner:
                 if not isinstance(each, type) or not (fields := _fields(each)):
                     continue
                 title = f"[[{here}]]" if listed else f"[{here}.NAME]" if mapped else f"[{here}]"
-                kind = f" of kind '{_tag(each)}'" if len(inner) > 1 and _tag(each) else ""
+                kind = f" of kind '{_tag(each)}'" if kinds > 1 and _tag(each) else ""
                 yield title + kind, [*fields, key] if mapped else fields, each
                 yield from _sections(each, here)
 
@@ -316,6 +337,8 @@ def _example(location: Location, wanted: Iterable[object], value: object) -> str
     for member in wanted:
         mapped = get_origin(member) is Mapping
         for each in _members(get_args(member)[1]) if mapped else (member,):
+            if mapped and not (isinstance(each, type) and _fields(each)):
+                return "{NAME = …}"
             if isinstance(each, type) and (fields := list(_fields(each))):
                 shown_values = [*map(shown, given), *("…" for _ in fields)]
                 pairs = [f"{name} = {text}" for name, text in zip(fields, shown_values, strict=False)]
@@ -327,9 +350,10 @@ def _example(location: Location, wanted: Iterable[object], value: object) -> str
 def _listed(wanted: Iterable[object], value: object, kind: str) -> str:
     """What a list could be in place of its first value; empty: it cannot be told."""
     for member in wanted if kind == "tuple_type" else ():
-        if get_origin(member) is tuple and isinstance(value, str) == (str in _members(get_args(member)[0])):
+        if get_origin(member) is tuple:
+            fits = not isinstance(value, dict) and isinstance(value, str) == (str in _members(get_args(member)[0]))
             rest = [each for each in get_args(member)[1:] if each is not Ellipsis]
-            return f"[{', '.join([shown(value), *('…' for _ in rest)])}]"
+            return f"[{', '.join([shown(value) if fits else '…', *('…' for _ in rest)])}]"
     return ""
 
 
@@ -385,8 +409,8 @@ def _tags(types: Iterable[object]) -> list[str]:
     return [tag for member in types if (tag := _tag(member))]
 
 
-def _choices(types: Iterable[object]) -> list[str]:
-    return [str(choice) for member in types if get_origin(member) is Literal for choice in get_args(member)]
+def _choices(types: Iterable[object]) -> list[object]:
+    return [choice for member in types if get_origin(member) is Literal for choice in get_args(member)]
 
 
 def _keys(types: Iterable[object]) -> set[str]:

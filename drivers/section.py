@@ -14,6 +14,7 @@ from drivers.text import Text, shown
 
 _URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*://")
 _REMOTE = re.compile(r"(?:rfc2217|socket)://(?:\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9._-]+):(?P<port>\d{1,5})/?")
+_WINDOWS_PORT = re.compile(r"(?i:com)\d+")
 _NAME = re.compile(r"[\w.-]+")
 OTHER_ENCODING = "cp1252"
 """The other encoding of a file that a profile refers to (DBC, EDS)."""
@@ -110,9 +111,9 @@ def name_beside_the_file(name: str, info: ValidationInfo) -> str:
 
 def _serial_port(name: str, info: ValidationInfo) -> str:
     """The name of a port of this computer, or the URL of one of a device server."""
-    if _URL.match(name) is None:
-        return name_beside_the_file(name, info)
     found = _REMOTE.fullmatch(name)
+    if found is None and not _URL.match(name) and not _WINDOWS_PORT.fullmatch(name):
+        return name_beside_the_file(name, info)
     if found is None or not 1 <= int(found["port"]) <= 0xFFFF:
         raise ValueError(Text("port_form", value=shown(name)))
     return name

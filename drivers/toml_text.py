@@ -3,6 +3,7 @@
 import re
 import tomllib
 from collections.abc import Iterator, Mapping
+from itertools import dropwhile, takewhile
 from typing import Final, TypeAlias
 
 from drivers.text import Text, plain
@@ -15,6 +16,8 @@ _TOKEN: Final = re.compile(
     re.DOTALL,
 )
 """Texts and comments, in which no bracket counts, brackets, and ends of lines. A text without an end is one, too."""
+_PART: Final = re.compile(rf"""{_TOKEN.pattern}|,|[^\s\[\]{{}},"'#]+""", re.DOTALL)
+"""Likewise, and commas and all other values."""
 _DEEP: Final = re.compile(r"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*\.[ \t]*){40}""")
 """A key of so many names; the parser's memory grows with the square of their number."""
 _LONGEST_LINE: Final = 1000
@@ -33,14 +36,20 @@ _REMEDIES: Final = (
     ("toml_curly", r"[“”„‟‘’‚«»]"),
     ("toml_backslash", r"\\"),
     ("toml_truth", r"=\s*(?!true\b|false\b)(?i:true|false|yes|no|on|off)\b"),
-    ("toml_nothing", r"=\s*(?i:none|null|nil)?\s*$"),
+    ("toml_nothing", r"=\s*(?:None|NULL|null|nil)?\s*$"),
     ("toml_decimal", r"=\s*[-+]?\d+,\d+\s*$"),
     ("toml_point", r"[=\[,]\s*[-+]?(?:\.\d|\d+\.(?!\d))"),
     ("toml_zero", r"[=\[,]\s*[-+]?0\d"),
-    ("toml_brackets", r"^\s*(?:\[\[[^\[\]]*\](?!\])|\[[^\[\]]*(?:\]\]|$))"),
-    ("toml_colon", r"""^\s*(?:[\w.-]+|"")\s*:"""),
+    (
+        "toml_brackets",
+        r"^\s*(?:\[\[[^\[\]]*\](?!\])|\[[^\[\]]*(?:\]\]|$)|[^=\[\]{}]*[\]}]|[\w.-]+\s*:\s*$|[{(<][^=]*$)",
+    ),
+    ("toml_colon", r"""(?:^|[{,])\s*(?:[\w.-]+|"")\s*:"""),
+    ("toml_list", r"=\s*\("),
+    ("toml_table", r"\{(?:[^{}]*,)?\s*$"),
     ("toml_quote", r"""'|(?<!")(?:"")*"(?!")"""),
     ("toml_bare", r"=\s*(?:\[+(?:[^\[\]]*,)?\s*)?(?!(?:true|false|inf|nan)\b)(?:[A-Za-z_/~]|\d+\.\d+\.)"),
+    ("toml_line", rf"""^{_KEY}=\s*(?:""|true\b|false\b|[-+]?\d[\d_.:-]*+)\s*,"""),
     (
         "toml_rest",
         rf"""^{_KEY}=\s*(?:""|true\b|false\b|[-+]?\d[\d_.:-]*+|\[[^\[\]{{}}]*\]|\{{[^\[\]{{}}]*\}})\s*[^\s,]""",
@@ -81,10 +90,35 @@ def toml_data(text: str) -> dict[str, object]:
 def toml_lines(text: str) -> Mapping[Location, int]:
     """The line on which each table, key and value of a text begins, counted from 1, up to the first that is invalid."""
     found: dict[Location, int] = {}
-    for line, table, data in _statements(text):
+    for line, table, data, statement in _statements(text):
+        below = _below(statement) if statement.count("\n") > 1 else {}
+        for length in range(1, len(table)):
+            found.setdefault(table[:length], line)
         for location in _inner(table, data):
-            for length in range(1, len(location) + 1):
-                found.setdefault(location[:length], line)
+            in_lists = dropwhile(lambda part: isinstance(part, str), location[len(table) :])
+            entry = tuple(takewhile(lambda part: isinstance(part, int), in_lists))
+            found.setdefault(location, line + below.get(entry, 0))
+    return found
+
+
+def _below(statement: str) -> Mapping[Location, int]:
+    """How many lines below the first one each entry of the statement's list begins, and each of a list in that."""
+    found: dict[Location, int] = {}
+    at: list[int] = []
+    tables = line = 0
+    for token in _PART.finditer(statement):
+        part = token[0]
+        if at and not tables and part not in "],\n" and not part.startswith("#"):
+            found.setdefault(tuple(at), line)
+        if part in "{}":
+            tables += 1 if part == "{" else -1
+        elif part == "[" and not tables:
+            at.append(0)
+        elif part == "]" and not tables:
+            at.pop()
+        elif part == "," and not tables:
+            at[-1] += 1
+        line += part.count("\n")
     return found
 
 
@@ -93,20 +127,20 @@ def nearest(location: Location, lines: Mapping[Location, int]) -> Location:
     return next((location[:n] for n in range(len(location), 0, -1) if location[:n] in lines), ())
 
 
-def _statements(text: str) -> Iterator[tuple[int, Location, Mapping[str, object]]]:
-    """First line of each statement, the table in which it is, and its data alone; a header has none."""
+def _statements(text: str) -> Iterator[tuple[int, Location, Mapping[str, object], str]]:
+    """First line of each statement, the table in which it is, its data alone, and its text; a header has no data."""
     table: Location = ()
     counts: dict[Location, int] = {}
     for first, statement in _cut(text):
         try:
             data = tomllib.loads(statement)
         except (tomllib.TOMLDecodeError, RecursionError):
-            yield first, (), {}
+            yield first, (), {}, ""
             return
         if statement.lstrip().startswith("["):
             table = _table(data, counts)
             data = {}
-        yield first, table, data
+        yield first, table, data, statement
 
 
 def _cut(text: str) -> Iterator[tuple[int, str]]:
@@ -151,7 +185,7 @@ def _inner(at: Location, data: object) -> Iterator[Location]:
 def _explained(error: tomllib.TOMLDecodeError, text: str) -> TomlError:
     """With the line and, if it can be guessed, what to do."""
     said, at = str(error), _AT.search(str(error))
-    line = int(at[1]) if at else max(line for line, _, _ in _statements(text))
+    line = int(at[1]) if at else max(line for line, *_ in _statements(text))
     if earlier := _earlier(text, line):
         return TomlError(Text("toml_twice", error=plain(said), line=earlier), line)
     remedy = _in_array(text, line) or _remedy(text, line)
@@ -183,7 +217,7 @@ def _emptied(whole: re.Match[str]) -> str:
 
 def _earlier(text: str, line: int) -> int:
     """The line on which the key or the table of this line stands already; 0: not found."""
-    statements = {at: (table, data) for at, table, data in _statements(text)}
+    statements = {at: (table, data) for at, table, data, _ in _statements(text)}
     table, data = statements.get(line, ((), {}))
     mine = max(_inner(table, data), key=len, default=())
     return next((at for at, inner in statements.items() if at < line and mine in _inner(*inner)), 0)

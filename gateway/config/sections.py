@@ -33,6 +33,8 @@ class Grid(Section):
 
 
 DEFAULT_DATABASE = "gateway.sqlite"
+_Angle = Annotated[float, Field(ge=-720, le=720)]
+"""Of a rotary axis, degrees: no pose needs more than two turns."""
 KeptDays = Annotated[float, Field(gt=0, le=36_500)]
 
 
@@ -155,11 +157,11 @@ class Probing(Section):
     """`required`: no cycle is requested before `talc-gateway nc dry-run` has gone well with this control, these poses
     and this sphere, or such a cycle has measured before. `not offered`: for a control that knows no dry runs; somebody
     has driven its cycle by hand."""
-    poses_deg: tuple[tuple[float, float], ...] = Field(
+    poses_deg: tuple[tuple[_Angle, _Angle], ...] = Field(
         default=((0, 0), (0, 90), (0, 180), (0, 270), (90, 0), (-90, 0)), min_length=3, max_length=MOST_POSES
     )
     """A and C of each pose, degrees. Together they must determine all nine errors."""
-    sphere_radius_mm: Positive = 120.0
+    sphere_radius_mm: Annotated[Positive, Field(ge=1)] = 120.0
     """Distance of the sphere's centre from the C axis."""
     sphere_height_mm: float = 80.0
     """Height of the sphere's centre above the A axis at A = 0."""

@@ -150,22 +150,22 @@ async def test_a_device_that_loses_its_node_when_it_is_unplugged_returns_with_it
 @pytest.mark.parametrize(
     ("lines", "message"),
     [
-        ("shift = 2", "opcua_of_bytes value_wrong few_entries"),
+        ("shift = 2", "node[0].shift: opcua_of_bytes"),
         (
             "invalid = [{ equals = 1, quality = 'sensor_fault', detail = 'd' }]",
-            "opcua_of_bytes value_wrong few_entries",
+            "node[0].invalid: opcua_of_bytes",
         ),
-        ("type = 'int16'\nshift = 16", "shift_beyond shift=16 type=int16 value_wrong few_entries"),
-        ("type = 'float32'\nshift = 1", "shift_beyond shift=1 type=float32 value_wrong few_entries least=1"),
-        ("type = 'bool'\nshift = 1", "shift_beyond shift=1 type=bool value_wrong few_entries least=1"),
-        ("type = 'int24'", "invalid value='int24' mean value_wrong few_entries"),
+        ("type = 'int16'\nshift = 16", "node[0].shift: shift_beyond shift=16 type=int16"),
+        ("type = 'float32'\nshift = 1", "node[0].shift: shift_beyond shift=1 type=float32"),
+        ("type = 'bool'\nshift = 1", "node[0].shift: shift_beyond shift=1 type=bool"),
+        ("type = 'int24'", "node[0].type: invalid value='int24' mean"),
         (
             "type = 'bool'\ninvalid = [{ equals = 2, quality = 'sensor_fault', detail = 'd' }]",
-            "rule_never value_wrong few_entries count=0",
+            "node[0].invalid[0].equals: rule_never",
         ),
         (
             "type = 'int16'\nshift = 2\ninvalid = [{ low = 8192, quality = 'sensor_fault', detail = 'd' }]",
-            "not_within value=8192 low=-8192 high=8191 value_wrong few_entries count=0",
+            "node[0].invalid[0].low: not_within value=8192 low=-8192 high=8191",
         ),
     ],
 )

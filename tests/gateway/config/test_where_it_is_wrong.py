@@ -89,6 +89,11 @@ SCHEMA = [
     (END, f"{END}[probing]\nposes_deg = [[0, 0], [0, 90], [0, 180]]  # here\n", "[probing]", "poses_deg",
      [[0, 0], [0, 90], [0, 180]]),
     (END, f"{END}[probing]\nposes_deg = [[0, 0], [0, 90], 180]  # here\n", "[probing]", "poses_deg[2]", 180),
+    (END, f"{END}[probing]\nposes_deg = [\n  [0, 0],\n  [0, 90], [0,\n  4000],  # here\n  [90, 0],\n]\n", "[probing]",
+     "poses_deg[2][1]", 4000),
+    (END, f"{END}[probing]\nposes_deg = [  # [\n  [0, 0],\n  [0],  # here\n  [0, '180'],\n]\n", "[probing]",
+     "poses_deg[1][1]", None),
+    (END, f"{END}[probing]\nsphere_radius_mm = 0.12  # here\n", "[probing]", "sphere_radius_mm", 0.12),
     (END, f"{END}[probing]\nsphere_radius_mm = \"120\"  # here\n", "[probing]", "sphere_radius_mm", "120"),
     (END, f"{END}[probing]\narmed = \"yes\"  # here\n", "[probing]", "armed", "yes"),
     (END, f"{END}[probing]\nmode = \"monitor\"  # here\n", "[probing]", "mode", "monitor"),
@@ -104,6 +109,8 @@ SCHEMA = [
     (END, f"{END}[telemetry]\nlisten = [\"127.0.0.1:7447\"]  # here\n", "[telemetry]", "listen[0]", "127.0.0.1:7447"),
     (END, f"{END}[telemetry]\nlisten = [\"tcp/127.0.0.300:7447\"]  # here\n", "[telemetry]", "listen[0]",
      "tcp/127.0.0.300:7447"),
+    (END, f"{END}[telemetry]\nlisten = [\n  \"tcp/127.0.0.1:7447\",\n  \"tcp/x\",  # here\n]\n", "[telemetry]",
+     "listen[1]", "tcp/x"),
     (END, f"{END}[telemetry]\nprefix = \"/talc\"  # here\n", "[telemetry]", "prefix", "/talc"),
     (END, f"{END}[talc]\nmethod = \"magic\"  # here\n", "[talc]", "method", "magic"),
 ]  # fmt: skip
@@ -123,6 +130,11 @@ SYNTAX = [
     (RTU, f"{RTU}\nperiod_s = .5  # here", "toml_point"),
     (RTU, f"{RTU}\nbaud = 09600  # here", "toml_zero"),
     (RTU, f"{RTU}\nrs485_rts = True  # here", "toml_truth"),
+    (TCP, f"{TCP}, port = 502  # here", "toml_line"),
+    (f"[device.channels]\n{CHANNELS}", "channels = {  # here\n  bed_front = 0\n}\n", "toml_table"),
+    (END, f"{END}[compensation]\nbound_um = (20, 20, 20)  # here\n", "toml_list"),
+    ("[machine]", "machine:  # here", "toml_brackets"),
+    ("[machine]", "machine]  # here", "toml_brackets"),
     ('port = "/dev/serial/by-id/usb-adapter"', r'port = "C:\dev"  # here', "toml_backslash"),
     ("[[state]]", "[[state]  # here", "toml_brackets"),
     ("[[state]]\n", '[state]\nname = "tool"\n[[state]]  # here\n', "toml_array"),
@@ -188,7 +200,9 @@ def test_a_file_in_latin_1_is_named_with_its_line(tmp_path: Path) -> None:
     ("old", "new", "sections"),
     [(RTU, f"{RTU}\nunit = 1", "[[device]]"), ('name = "mill"', 'name = "mill"\narmed = true', "[probing]"),
      (END, f"{END}[probing]\nmode = 'monitor'\n", "[compensation]"), (TCP, f"{TCP}\nbaud = 9600", "modbus_rtu"),
-     (DEVICE, f"{DEVICE}\nlimits = [0, 80]", "[limits.NAME]")],
+     (DEVICE, f"{DEVICE}\nlimits = [0, 80]", "[limits.NAME]"),
+     ("[device.channels]\nbed", "[channels]\nbed", "[device.channels]"),
+     (URL, 'host = "192.168.214.1"', "[nc] of kind 'linuxcnc'")],
 )  # fmt: skip
 def test_a_key_of_another_section_is_told_its_section(old: str, new: str, sections: str, tmp_path: Path) -> None:
     told = [problem.text for problem in problems(broken(old, new)[0], tmp_path)]
@@ -210,6 +224,24 @@ def test_the_example_of_a_table_can_be_pasted(tmp_path: Path) -> None:
 def test_a_single_value_is_shown_as_the_list_that_is_expected(new: str, example: str, tmp_path: Path) -> None:
     (problem,) = problems(VALID + new, tmp_path)
     assert problem.text.value_of("example") == example
+
+
+ONE_BUS = VALID[: VALID.index("[[bus]]")] + VALID[VALID.rindex("[[bus]]") :].replace('bus = "rtu1"', 'bus = "tcp1"')
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "remedy", "name"),
+    [(ONE_BUS.replace("[[bus]]", "[bus]"), 4, "toml_several", "bus"),
+     (VALID.replace("[machine]", "[[machine]]"), 1, "toml_single", "machine"),
+     (VALID.replace(f"[device.channels]\n{CHANNELS}", f"[[device.channels]]\n{CHANNELS}"), 19, "toml_single",
+      "device.channels")],
+)  # fmt: skip
+def test_a_section_with_the_brackets_of_several_is_told_its_own(
+    text: str, line: int, remedy: str, name: str, tmp_path: Path
+) -> None:
+    (found,) = [problem for problem in problems(text, tmp_path) if problem.text.says(remedy)]
+    assert found.at is not None
+    assert (found.at.line, found.text.value_of("name")) == (line, name)
 
 
 @pytest.mark.parametrize(("kind", "meant"), [("Modbus_RTU", "modbus_rtu"), ("modbus-tcp", "modbus_tcp")])
