@@ -168,7 +168,7 @@ class ErrorFollower:
         return max(x, max(ey0a, ez0a) + ey0c + ez0t + (grown + ea0c) * across + (eb0c + ec0c) * along)
 
     def _target(self, positions: Sequence[float]) -> ShiftOfTool:
-        """The bounded shift for the errors in force. The chain is that of docs/probing.md; C has no effect."""
+        """The bounded shift for the errors in force. The chain is that of docs/agent.md; C has no effect."""
         x, y, z, a, _ = positions
         z -= self._tool
         cos, sin = math.cos(math.radians(a)), math.sin(math.radians(a))
