@@ -15,7 +15,7 @@ bench: $(VENV)/.ready
 	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 RECORDINGS="$(RECORDINGS)" METHODS="$(METHODS)" \
 		$(BIN)/python -m benchmarks $(SUBJECTS)
 
-# One of the papers' studies in full (docs/studies.md); continues where it was stopped, and renews its table in
+# One of the papers' studies in full (docs/plant.md); continues where it was stopped, and renews its table in
 # docs/figures.md and the figures of its page in docs/studies.
 study: $(VENV)/.ready
 	$(BIN)/python -m studies $(NAME) --results docs/figures.md --pages docs/studies

@@ -1,4 +1,4 @@
-"""Studies that repeat the papers on simulated machines, compared with simple methods. See docs/studies.md."""
+"""Studies that repeat the papers on simulated machines, compared with simple methods. See docs/plant.md."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""The papers' systems as settings (docs/presets.md says what each paper states, and where)."""
+"""The papers' systems as settings (docs/method.md says what each paper states, and where)."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, replace

@@ -88,7 +88,7 @@ class ControlSettings:
     """Length of the calibration phase (24 h at 5 min)."""
     calibration_interval_steps: int = 1
     """Steps between its measurements (Z22: every step). A longer calibration that is measured less often sees more of
-    what the machine does with fewer probing cycles (docs/studies.md, `parameters`)."""
+    what the machine does with fewer probing cycles (docs/plant.md, `parameters`)."""
     policy: Literal["fixed", "novelty", "uncertainty"] = "fixed"
     """When to measure in compensation: at a fixed interval; when the inputs leave the range of the training data; or
     when the 95 % interval of a prediction fills its share of the action control limit. The last two keep within the
@@ -219,7 +219,7 @@ class TalcSettings:
     """The `[talc]` section of a gateway's configuration."""
 
     preset: Literal["zimmermann-2022", "blaser-2019"] | None = None
-    """In a configuration: a paper's complete system, unless another key says otherwise (docs/presets.md). In a program:
+    """In a configuration: a paper's complete system, unless another key says otherwise (docs/method.md). In a program:
     `talc.presets.preset`; this field alone changes nothing."""
     exact: bool = False
     """In a configuration, with `preset`: least squares as printed (Z22 eq. 5), which ran away by more than 10 mm on a

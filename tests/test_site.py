@@ -50,7 +50,7 @@ def test_a_page_opened_as_a_file_finds_words_and_options(site: Path, browser: Br
         page.goto((site / "index.html").as_uri())
         titles, count = page.locator(".md-search-result__link h1"), page.locator(".md-search-result__meta")
         type_in(page, "GroupLassoARX")
-        expect(titles).to_have_text(["talc's API"], timeout=LIMIT_MS)
+        expect(titles).to_have_text(["talc as a library"], timeout=LIMIT_MS)
         for option in ("--time-format", "replay --time-format"):
             type_in(page, "wordthatnopagehas")
             expect(count).to_have_text("No matching documents", timeout=LIMIT_MS)
@@ -62,7 +62,7 @@ def test_a_page_opened_as_a_file_finds_words_and_options(site: Path, browser: Br
 def test_the_site_builds_strictly_and_needs_no_network(site: Path) -> None:
     pages = {page.relative_to(ROOT / "docs").with_suffix("") for page in (ROOT / "docs").glob("**/*.md")}
     assert pages <= {page.relative_to(site).with_suffix("") for page in site.rglob("*.html")}
-    api = (site / "api.html").read_text(encoding="utf-8")
+    api = (site / "library.html").read_text(encoding="utf-8")
     assert all(f'id="talc.{name}"' in api for name in ("Learner", "Learner.predict", "rehearse", "GroupLassoARX"))
     assert (site / "troubleshooting.html").read_text(encoding="utf-8").count("<li>") > 150, "the catalogue's messages"
     notebook = (site / "notebooks" / "own_recording.html").read_text(encoding="utf-8")

@@ -2,7 +2,7 @@
 # # Repeat a paper's table
 #
 # The studies repeat the papers' experiments on simulated machines, with naive peers beside them and the cases in which
-# the method loses (docs/studies.md). This runs a small version of "static, FIR and ARX": eight of its 120 runs. The
+# the method loses (docs/plant.md). This runs a small version of "static, FIR and ARX": eight of its 120 runs. The
 # whole study is `make study NAME=arx-vs-static`; its table is in docs/figures.md.
 
 # %%

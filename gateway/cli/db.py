@@ -59,7 +59,7 @@ def stats(database: Path) -> None:
 )
 @click.option("-o", "--output", type=AnyFile, required=True, help=".csv or .parquet")
 def export(database: Path, table: str, output: Path) -> None:
-    """Write TABLE of DATABASE to a file, one value a column (docs/storage.md describes them).
+    """Write TABLE of DATABASE to a file, one value a column (docs/commands.md describes them).
 
     TABLE is readings, minutes, steps, measurements, events, compensation, commands or runs.
     """

@@ -211,7 +211,7 @@ def run(config: Path, wires: Path | None, record_mb: float) -> None:
 @click.option("--hours", type=FiniteNumber(1, 10_000), default=72.0, show_default=True, help="Simulated hours.")
 @click.option("--method", type=click.Choice(["learner", "models"]), help="Learning method. Default: the learner.")
 @click.option("--preset", type=click.Choice(["zimmermann-2022", "blaser-2019"]),
-              help="A paper's complete system, instead of the learner (docs/presets.md).")  # fmt: skip
+              help="A paper's complete system, instead of the learner (docs/method.md).")  # fmt: skip
 @click.option("--calibration-hours", type=FiniteNumber(min=1),
               help="For models and presets. Default: 24 h; blaser-2019 6.5 h.")  # fmt: skip
 @click.option("--speed", type=FiniteNumber(1, 20000), default=6000.0, show_default=True,
