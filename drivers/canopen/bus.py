@@ -11,7 +11,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from itertools import cycle
-from time import monotonic
+from time import monotonic, sleep
 from typing import Any, TypeVar
 
 import can
@@ -27,6 +27,7 @@ from drivers.canopen.frames import FittingAnswers, LatestFrames, pass_on
 from drivers.canopen.place import CanObject
 from drivers.canopen.settings import CanOpenSettings
 from drivers.patience import LONGER, Patience
+from drivers.rests import Rests
 from drivers.tap import Tap
 from drivers.text import Text
 
@@ -35,6 +36,8 @@ R = TypeVar("R")
 _SYNC = 0x080
 _SDO_READ = 0x40
 _NMT_START = 1
+_RESTS_S = (0.0, 0.002, 0.01, 0.05, 0.1, 0.2)
+"""Rests after an answer that are tried one after the other."""
 _LONGEST_NUMBER = 8
 """Bytes of the widest number that a node may hold. A transfer that never ends is aborted beyond that."""
 
@@ -65,6 +68,7 @@ class CanOpenBus:
         self._never_values = cycle(_NEVER_VALUES)
         self._events: dict[int, NodeEvents] = {}
         self._unwatched: dict[int, Text] = {}
+        self._rests = Rests(steps_s=_RESTS_S)
         self._fitting: dict[int, FittingAnswers] = {}
         self._frames = LatestFrames()
         self._synchronised_s = 0.0
@@ -148,8 +152,16 @@ class CanOpenBus:
         )
 
     def learnt(self) -> Collection[Text]:
-        """The nodes of which nothing says that their firmware still runs."""
-        return self._unwatched.values()
+        """The nodes of which nothing says that their firmware still runs, and those that need a rest."""
+        rests = self._rests.needed_s.items()
+        return [
+            *self._unwatched.values(),
+            *(Text("needs_rest", bus=self.name, unit=node, rest_ms=round(1e3 * rest_s)) for node, rest_s in rests),
+        ]
+
+    def let_rest(self, node: int, least_s: float) -> None:
+        """The node is never asked sooner than this after an answer."""
+        self._rests.state(node, least_s)
 
     def unwatched(self, node: int, producer_s: float) -> None:
         """No heartbeat of the node is expected, or none has ever come; producer_s: as it states, 0: it sends none."""
@@ -243,6 +255,7 @@ class CanOpenBus:
         address = wanted.index.to_bytes(2, "little") + bytes((wanted.subindex,))
         sdo.responses = queue.Queue()
         self._fitting[node].expect(wanted)
+        self._let_rest(node)
         self._send(device, sdo.rx_cobid, bytes((_SDO_READ,)) + address + bytes(4))
         asked_s = monotonic()
         try:
@@ -252,8 +265,14 @@ class CanOpenBus:
             if self._fitting[node].late:
                 raise self._silence(device, node, Text("no_answer"), self._longest_s(node)) from None
             raise self._unanswered(device, node, wanted, self._longest_s(node)) from None
+        self._rests.answered(node, monotonic())
         self._fitting[node].is_in_order()
         self._doubtful.discard(node)
+
+    def _let_rest(self, node: int) -> None:
+        """Wait for as long as the node needs after its last answer; it is asked then."""
+        sleep(max(0.0, self._rests.left_s(node, monotonic(), first=True)))
+        self._rests.sent(node, monotonic())
 
     def _synchronise(self, device: str, node: int, identifiers: Sequence[int]) -> dict[int, KeptFrame]:
         """Every node answers each SYNC, whichever it was sent for. One that was sent just before, after the node's last
@@ -325,15 +344,22 @@ class CanOpenBus:
         longest_s = self._longest_s(node)
         is_slow = longest_s > self._settings.timeout_s
         sdo.RESPONSE_TIMEOUT = longest_s if is_slow else self._patience.wait_s(node, wanted)
+        self._let_rest(node)
         self._fitting[node].expect(wanted)
         asked_s = monotonic()
         try:
             with sdo.open(wanted.index, wanted.subindex, buffering=0) as segments:
-                while len(data) <= most_bytes and (segment := segments.read(most_bytes)):
+                while len(data) <= most_bytes:
+                    if self._fitting[node].in_segments:
+                        self._rests.answered(node, monotonic())
+                        self._let_rest(node)
+                    if not (segment := segments.read(most_bytes)):
+                        break
                     data += segment
             if segments.exp_data is not None and segments.size is None:
                 data = Uncounted(data)
         except SdoAbortedError as error:
+            self._rests.answered(node, monotonic())
             raise Refused(
                 Text("canopen_refused", node=node, wanted=str(wanted), error=str(error)),
                 bus=self.name,
@@ -354,6 +380,7 @@ class CanOpenBus:
             what = Text("canopen_sent", node=node, count=len(data), wanted=str(wanted), size=segments.size)
             raise BadAnswer(what, bus=self.name, device=device)
         self._patience.answered(node, wanted, monotonic() - asked_s)
+        self._rests.answered(node, monotonic())
         return data
 
     def _longest_s(self, node: int) -> float:
@@ -373,13 +400,21 @@ class CanOpenBus:
         )
 
     def _unanswered(self, device: str, node: int, wanted: CanObject, waited_s: float) -> DriverError:
-        silence = self._silence(device, node, Text("no_answer"), waited_s, hurried=waited_s < self._settings.timeout_s)
+        now_s = monotonic()
+        if not self._fitting[node].late:
+            self._rests.missed(node, now_s)
+        hurried = waited_s < self._settings.timeout_s
+        others = self._rests.answered_s(node) >= now_s - waited_s - self._settings.timeout_s
+        silence = self._silence(device, node, Text("no_answer"), waited_s, hurried=hurried, others=others)
         if not (other := self._fitting[node].other) or not isinstance(silence, NoAnswer):
             return silence
         what = Text("canopen_no_answer_to", node=node, bytes=other.hex(" "), wanted=str(wanted))
         return BadAnswer(what, bus=self.name, device=device)
 
-    def _silence(self, device: str, node: int, what: str, waited_s: float, *, hurried: bool = False) -> DriverError:
+    def _silence(
+        self, device: str, node: int, what: str, waited_s: float, *, hurried: bool = False, others: bool = False
+    ) -> DriverError:
+        """others: it has just answered other requests"""
         self._doubtful.add(node)
         self._patience.missed(node)
         if (lost := self._network.notifier.exception) is not None:
@@ -388,8 +423,8 @@ class CanOpenBus:
         return NoAnswer(
             Text("canopen_silent", node=node, what=what, waited_s=waited_s),
             hurried=hurried,
-            heard=late,
+            heard=late or others,
             bus=self.name,
             device=device,
-            hint=Text("canopen_later" if late else "canopen_check"),
+            hint=Text("canopen_later" if late else "canopen_others" if others else "canopen_check"),
         )

@@ -30,6 +30,8 @@ _EARLY = 0.7
 """A TPDO that comes after less than this share of its timer is early; of two nodes, each second one is."""
 _TOGGLE = 0x10
 """Bit of the first byte of an SDO answer that changes from segment to segment."""
+_LAST = 0x01
+"""Bit of the first byte of the last segment."""
 
 
 def pass_on(network: Any, message: can.Message) -> None:
@@ -129,6 +131,7 @@ class FittingAnswers:
         self._asked: dict[bytes, float] = {}
         """When each object was last asked for, monotonic."""
         self._toggle: int | None = None
+        """Of the next segment; None: none is due."""
         self.other = b""
         """The last answer since the request that did not fit; empty if there was none."""
         self.late_s = 0.0
@@ -144,6 +147,11 @@ class FittingAnswers:
     def late(self) -> bool:
         """Whether that answer would have fitted an earlier request."""
         return self.other[1:4] in self._asked
+
+    @property
+    def in_segments(self) -> bool:
+        """Whether more of the number follows when it is asked for."""
+        return self._toggle is not None
 
     def expect(self, wanted: CanObject) -> None:
         """The next request is for this object."""
@@ -201,7 +209,7 @@ class FittingAnswers:
         if kind == _SEGMENT:
             if self._toggle is None or data[0] & _TOGGLE != self._toggle:
                 return False
-            self._toggle ^= _TOGGLE
+            self._toggle = None if data[0] & _LAST else self._toggle ^ _TOGGLE
             return True
         if kind == _ABORT:  # some nodes state no object
             return data[1:4] in (self._address, bytes(3))

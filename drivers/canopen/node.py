@@ -54,6 +54,7 @@ class NodeReader:
         self._came_s: dict[CanObject, float] = {}
         """When each object of the latest read came in its TPDO, monotonic s; empty with SDO."""
         self.ask(asked)
+        bus.let_rest(node, options.rest_ms / 1e3)
         self._heartbeat_s, self._transfer = options.heartbeat_s, options.transfer
         self._heartbeat = HeartbeatWatch(bus.events(node))
         self._ready = False
@@ -163,7 +164,7 @@ class NodeReader:
         try:
             objects = await self._objects()
         except DriverError as error:
-            if not error.hurried:
+            if not (error.hurried or error.heard):
                 self._ready = False
             raise
         # The boot-up message precedes everything else from the node, and the receiving thread keeps the order.

@@ -30,6 +30,8 @@ class NodeOptions(Section):
     heartbeat_s: float = Field(default=0.0, ge=0, le=600)
     """How long the node's heartbeat may be absent (consumer time). 0: three times the producer time in the node's
     object 1017; a node that sends no heartbeat is then not monitored."""
+    rest_ms: int = Field(default=0, ge=0, le=2000)
+    """After each SDO answer this node is not asked for this long. By default the gateway finds out what it needs."""
 
 
 class Cia404Options(NodeOptions):

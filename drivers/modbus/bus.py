@@ -30,9 +30,9 @@ from drivers.modbus.frames import (
 from drivers.modbus.numbers import BIT_FUNCTIONS, Block
 from drivers.modbus.refusals import is_busy, is_target_silent, refusal
 from drivers.modbus.requests import Came, Requests
-from drivers.modbus.rests import Rests
 from drivers.modbus.settings import AskedSettings, ModbusTcpSettings, ServerSettings
 from drivers.patience import Patience
+from drivers.rests import Rests
 from drivers.tap import Tap
 from drivers.text import Text, Value
 
@@ -112,7 +112,7 @@ class ModbusBus(StreamBus, ABC):
         if (mute_s := self._rests.mute_s) > self._settings.settle_s and self.reopens:
             self._learn("modbus_mute", 0, settle_s=ceil(10 * mute_s) / 10)
         for unit, rest_s in self._rests.needed_s.items():
-            self._learn("modbus_needs_rest", unit, rest_ms=round(1e3 * rest_s))
+            self._learn("needs_rest", unit, rest_ms=round(1e3 * rest_s))
         return self._learnt.values()
 
     def learn_whole(self, unit: int, where: Text) -> None:

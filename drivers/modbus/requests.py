@@ -20,6 +20,7 @@ from math import inf, isinf
 from drivers.modbus.frames import REFUSED, alike, data_bytes
 from drivers.modbus.numbers import BIT_FUNCTIONS, Block
 from drivers.patience import LONGER
+from drivers.rests import COPIES_S
 
 _FORGOTTEN_S = 10.0
 """No answer comes later than this."""
@@ -34,8 +35,6 @@ _RECENT_S = 0.5
 """No copy of an answer comes later than this."""
 _AT_ONCE_S = 0.08
 """The same of one that looks like the answer to the next equal request: no unit is polled as often as this."""
-COPIES_S = 60.0
-"""How long after a copy of an answer more are expected of the unit."""
 _MOST_RECENT = 16
 _EQUAL_OFTEN = 3
 """After this many checks two blocks that hold the same words are no longer suspected."""

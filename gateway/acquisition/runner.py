@@ -241,9 +241,10 @@ class BusRunner:
 
     def _may_cost_s(self, device: PolledDevice) -> float:
         """Time that must remain in the period to ask a device. A possibly silent one may cost the timeout, or half of
-        the period if that is long; one that was heard costs twice as much as the last time."""
+        the period if that is long; one that was heard costs twice as much as the last time, or as much if that is
+        longer."""
         longest_s = min(self.line.bus.timeout_s, self.line.period_s / 2)
-        return min(2 * device.cost_s, longest_s) if device.heard else longest_s
+        return min(2 * device.cost_s, max(longest_s, device.cost_s)) if device.heard else longest_s
 
     def _least_s(self, device: PolledDevice) -> float:
         """Time that must remain in the period to ask a device again."""

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.benches.strangers import me_trial
+from tests.benches.strangers import can_trial, me_trial
 from tests.benches.strangers.modbus_nature import Nature
 from tests.benches.strangers.modbus_trial import Trial, tried
 
@@ -45,6 +45,13 @@ def test_those_that_were_read_wrongly_once(seed: int) -> None:
 def test_micro_epsilon_controllers(seed: int) -> None:
     """The first ones, and one that showed a frozen value on a new connection; `--of me` tries more of them."""
     trial = me_trial.tried(seed)
+    assert not list(trial.problems()), trial.nature
+
+
+@pytest.mark.parametrize("seed", [*range(5), 17, 53, 99, 118])
+def test_canopen_nodes(seed: int) -> None:
+    """The first ones, and some that need a rest or lose requests; `--of can` tries more of them."""
+    trial = can_trial.tried(seed)
     assert not list(trial.problems()), trial.nature
 
 

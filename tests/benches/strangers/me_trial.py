@@ -16,17 +16,12 @@ from gateway.model.notice import Notice
 from gateway.model.sample import Sample
 from tests.benches.buses import make_bus
 from tests.benches.strangers.driven_loop import DrivenLoop, LoopClock, run_driven
+from tests.benches.strangers.least_readings import FEW, IN_TIME, READ
 from tests.benches.strangers.me_host import ForeignController, MeNature, age_s, drawn, told
 
 PERIODS = 50
 WITHIN = 20
 """So many periods the gateway has to get to know a controller."""
-_READ = 0.75
-"""Share of the plain client's readings that the gateway must have."""
-_IN_TIME = 0.9
-"""Of the period, and of the timeout: what the plain client has read by then."""
-_FEW = 2.0
-"""So many fewer are chance."""
 _STEP_S = 0.02
 """Of the channels' time."""
 _RANGE_UM = 0xFFFFFF / 100.0
@@ -74,7 +69,7 @@ class MeTrial:
             asked_s = loop.time()
             if ear is not None and await ear.block(loop, self.nature):
                 took_s = loop.time() - asked_s
-                if took_s < _IN_TIME * min(self.nature.period_s, self.nature.timeout_s):
+                if took_s < IN_TIME * min(self.nature.period_s, self.nature.timeout_s):
                     self.plain.append(loop.time() - began_s)
             due_s = max(due_s + self.nature.period_s, loop.time())
         if line is not None:
@@ -123,7 +118,7 @@ class MeTrial:
         yield from self.wrong[:3]
         nature, since_s = self.nature, WITHIN * self.nature.period_s
         theirs, ours = (sum(s >= since_s for s in read) for read in (self.plain, self.good["0"]))
-        if ours < _READ * theirs - _FEW:
+        if ours < READ * theirs - FEW:
             yield f"{ours} readings, a plain client has {theirs} in time"
         is_heard = not (nature.mute_s or nature.lingers_s or nature.closes_s or nature.loses or nature.noise)
         is_long = nature.burst_s > 3 * max(nature.period_s, nature.block_s) + nature.timeout_s

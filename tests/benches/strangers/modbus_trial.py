@@ -17,6 +17,7 @@ from gateway.model.notice import Notice
 from gateway.model.sample import Sample
 from tests.benches.buses import make_bus
 from tests.benches.strangers.driven_loop import DrivenLoop, LoopClock, run_driven
+from tests.benches.strangers.least_readings import least_readings
 from tests.benches.strangers.modbus_client import Wanted, plainly_read
 from tests.benches.strangers.modbus_host import ForeignModbus
 from tests.benches.strangers.modbus_nature import Memory, Nature, age_s, drawn, told
@@ -24,16 +25,6 @@ from tests.benches.strangers.modbus_nature import Memory, Nature, age_s, drawn, 
 PERIODS = 50
 WITHIN = 20
 """So many periods the gateway has to get to know a device."""
-_READ = 0.75
-"""Share of the plain client's readings that the gateway must have."""
-_IN_TIME = 0.9
-"""Of the period: what the plain client has read by then."""
-_READ_LATE = 0.2
-"""The share that the gateway must have of what the plain client reads at all."""
-_OFTEN = 0.5
-"""In this share of the periods at least the plain client reads what it can read."""
-_FEW = 2.0
-"""So many fewer are chance."""
 _STEP_S = 0.02
 """Of the registers' time."""
 
@@ -144,12 +135,11 @@ class Trial:
         since_s = WITHIN * period_s
         rounds = self.plain[WITHIN * len(self.plain) // PERIODS :]
         for unit in self.units:
-            theirs = sum(unit in read for read in rounds)
-            in_time = sum(read.get(unit, period_s) < _IN_TIME * period_s for read in rounds)
+            theirs = [read.get(unit) for read in rounds]
             ours = sum(s >= since_s for s in self.good[f"{unit}.0"])
-            least = max(_READ * in_time if in_time >= _OFTEN * len(rounds) else 0.0, _READ_LATE * theirs) - _FEW
-            if ours < least:
-                yield f"unit {unit}: {ours} readings, a plain client has {theirs}, {in_time} of them in time"
+            if ours < least_readings(theirs, period_s):
+                had = [took_s for took_s in theirs if took_s is not None]
+                yield f"unit {unit}: {ours} readings, a plain client has {len(had)}, each in {max(had):.2f} s or less"
         if self.nature.units == 2 and self.nature.only_last and self._is_of_a_unit:
             gaps = sorted(b - a for a, b in pairwise(s for s in self.polled[1] if s >= since_s))
             often_s = gaps[-len(gaps) // 10 - 1]

@@ -173,7 +173,7 @@ async def test_a_rest_is_told_once_and_loses_nothing_with_its_key(of: str, tmp_p
     async with line(TIMEOUT_S) as (bus, peer):
         peer.reply = resting(0.29)
         is_read_soon(await periods(bus, tmp_path, 1.0, notices))
-        assert facts(notices) == [("modbus_needs_rest", 300)]
+        assert facts(notices) == [("needs_rest", 300)]
         notices.clear()
         peer.reply = resting(0.29)
         where = {"port": peer.path, "baud": 115200, "timeout_s": TIMEOUT_S, "rest_ms": 300 * (of == "line")}

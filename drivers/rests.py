@@ -1,12 +1,12 @@
 """Rests: how long a unit is left alone after an answer or a connection, because it is busy then or needs the time."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf
 
-from drivers.modbus.requests import COPIES_S
-
+COPIES_S = 60.0
+"""How long after a copy of an answer more are expected of the unit."""
 _STEPS_S = (0.0, 0.05, 0.1, 0.2, 0.3, 0.4)
-"""Rests after an answer that are tried one after the other."""
 _SOON_S = 0.15
 """A request that is sent sooner than this after an answer may have come too soon."""
 _SUSPECTED = 4
@@ -41,13 +41,17 @@ class _Rest:
     """How long after its answer one came, at most."""
     step: int = 0
     missed: int = 0
-    """Of those that came soon, in a row."""
+    """Of those that came soon, in a row; an answer to one that came later than all of these says nothing."""
+    missed_gap_s: float = 0.0
+    """How long after an answer the latest of these came."""
     answers: int = 0
     """After just this rest."""
     most: int = _TRIED
     """After how many of them one request is sent without it."""
+    gap_s: float = inf
+    """How long after an answer the request that is under way was sent."""
     soon: bool = False
-    """Whether the request that is under way was sent soon after an answer."""
+    """Whether that is soon."""
     without: bool = False
     """Whether it was sent without the rest."""
     not_before_s: float = -inf
@@ -63,11 +67,12 @@ class Rests:
     ----------
     settle_s: after each connection nothing is asked for so long
     line_s: nor after any answer
+    steps_s: rests that are tried one after the other, beginning with 0
     """
 
-    def __init__(self, settle_s: float, line_s: float) -> None:
+    def __init__(self, settle_s: float = 0.0, line_s: float = 0.0, steps_s: Sequence[float] = _STEPS_S) -> None:
         self._of: dict[int, _Rest] = {}
-        self._settle_s, self._line_s = settle_s, line_s
+        self._settle_s, self._line_s, self._steps_s = settle_s, line_s, steps_s
         self._opened_s = self.line_answered_s = -inf
         self._swallowed: dict[int, list[float]] | None = None
         """When the first requests to each unit were sent on this connection, until one is answered; None: one was."""
@@ -100,9 +105,9 @@ class Rests:
             return line_s - now_s
         until_s = max(line_s, one.busy_until_s, one.answered_s + one.least_s)
         is_tried = not one.answers and one.most == _TRIED
-        waits = first and is_tried and len(self._of) > 1 and _STEPS_S[one.step] >= _SOON_S
+        waits = first and is_tried and len(self._of) > 1 and self._steps_s[one.step] >= _SOON_S
         if one.step and one.answers < one.most and not waits:
-            until_s = max(until_s, one.answered_s + _STEPS_S[one.step])
+            until_s = max(until_s, one.answered_s + self._steps_s[one.step])
         if self.sends_copies(unit, now_s):
             until_s = max(until_s, one.answered_s + min(1.25 * one.copy_s, _COPY_S))
         return until_s - now_s
@@ -112,6 +117,11 @@ class Rests:
         one = self._of.get(unit)
         return one is not None and one.busy > 0
 
+    def answered_s(self, unit: int) -> float:
+        """When it was last answered."""
+        one = self._of.get(unit)
+        return -inf if one is None else one.answered_s
+
     def sent(self, unit: int, now_s: float) -> None:
         """A request is sent."""
         if self._swallowed is not None:
@@ -119,9 +129,9 @@ class Rests:
             if len(first) < _SWALLOWED:
                 first.append(now_s)
         one = self._of.setdefault(unit, _Rest())
-        gap_s = now_s - one.answered_s
-        one.soon = gap_s < max(_SOON_S, 1.2 * _STEPS_S[one.step])
-        one.without = gap_s < 0.9 * _STEPS_S[one.step]
+        one.gap_s = now_s - one.answered_s
+        one.soon = one.gap_s < max(_SOON_S, 1.2 * self._steps_s[one.step])
+        one.without = one.gap_s < 0.9 * self._steps_s[one.step]
 
     def heard(self, unit: int, sent_s: float) -> None:
         """The unit has answered what was sent then."""
@@ -140,8 +150,8 @@ class Rests:
             one.step, one.answers, one.most = 0, 0, _TRIED
         elif one.soon and one.step:
             one.answers += 1
-        if one.soon:
-            one.missed = 0
+        if one.gap_s <= one.missed_gap_s:
+            one.missed, one.missed_gap_s = 0, 0.0
         one.soon = one.without = False
 
     def not_reached(self, unit: int, now_s: float) -> None:
@@ -167,15 +177,15 @@ class Rests:
         if without and one.answers >= one.most:  # it does need it
             one.answers, one.most = 0, _CONFIRMED
             if not is_busy:
-                self.needed_s.setdefault(unit, _STEPS_S[one.step])
+                self.needed_s.setdefault(unit, self._steps_s[one.step])
         if without or not soon:
             return
-        one.missed += 1
+        one.missed, one.missed_gap_s = one.missed + 1, max(one.missed_gap_s, one.gap_s)
         trying = one.step and not one.answers and one.most == _TRIED
         if now_s < one.not_before_s or (one.missed < _SUSPECTED and not trying):
             return
-        one.step, one.missed, one.answers, one.most = one.step + 1, 0, 0, _TRIED
-        if one.step == len(_STEPS_S):
+        one.step, one.missed, one.missed_gap_s, one.answers, one.most = one.step + 1, 0, 0.0, 0, _TRIED
+        if one.step == len(self._steps_s):
             one.step, one.not_before_s = 0, now_s + _GIVEN_UP_S
 
     def sends_copies(self, unit: int, now_s: float) -> bool:
