@@ -116,27 +116,30 @@ class Handshake(Section):
     """R-parameters of the probing handshake (docs/nc.md). The gateway writes the first four, the control the rest."""
 
     request: RNumber = 60
-    """Number of the request."""
+    """Number of the request, 1 to 2147483647, never the same twice in a row."""
     withdraw: RNumber = 61
-    """Number of a withdrawn request."""
+    """Number of a request that is withdrawn. At power on the control withdraws the last one."""
     valid_for: RNumber = 62
-    """Time in seconds within which the cycle must begin."""
+    """Seconds within which the cycle must begin, by a timer that `TALC_START` starts at power on: without it a request
+    is refused. 0: no limit."""
     dry_run: RNumber = 63
     """Height in mm of a dry run above the sphere; 0: the cycle touches."""
     answers: RNumber = 64
     """Number of the request to which state and reason refer."""
     state: RNumber = 65
-    """0 idle, 1 accepted, 2 running, 3 done, 4 refused, 5 failed."""
+    """0 idle, 1 accepted, or over and the tool is changed back, 2 running, 3 done, 4 refused, 5 failed."""
     reason: RNumber = 66
-    """Why it was refused or failed."""
+    """Why it was refused or failed (docs/nc.md)."""
     result_of: RNumber = 67
-    """Number of the request that the results belong to."""
+    """Number of the request that the results belong to; 0 while there are none."""
     results: RNumber = 70
-    """First of three R-parameters per pose."""
+    """First of three R-parameters per pose: centre of the sphere, mm; of a dry run the one that the control expects,
+    that much higher."""
     spread: RNumber = 88
     """Largest difference between repeated touches in the cycle, mm."""
     version: RNumber = 89
-    """Version of TALC_SAFE_POINT, which shows it at each call; 2 knows dry runs. Before one the gateway writes 0."""
+    """Version of TALC_SAFE_POINT, which shows it at each call, also without a request: 2 supports dry runs, 1 does not,
+    0 since power on: not shown yet. -1, from the gateway: the request is for a dry run."""
     request_valid_for_s: NotNegative = REQUEST_VALID_FOR_S
     """A control that reaches its safe point later than this refuses: the gateway may be gone by then. 0: no limit."""
 
@@ -241,7 +244,7 @@ class LeaseParameters(Section):
     age: RNumber = 69
     """The control's own: seconds since that beat."""
     owner: RNumber = 93
-    """Number of the gateway that writes offsets; 0: none."""
+    """Number of the gateway that writes offsets, a random one in each run; 0: none."""
     beat: RNumber = 94
     """A different number at every heartbeat."""
     silence: RNumber = 95
@@ -260,7 +263,7 @@ class ErrorParameters(Section):
     version: RNumber = 99
     """Version of the program on the control; 0: no program."""
     wanted: RNumber = 100
-    """First of the nine errors, µm and µm/m."""
+    """First of the nine errors, µm and µm/m: EY0A, EZ0A, EX0C, EY0C, EZ0T, ER0T, EA0C, EB0C, EC0C."""
     in_force: RNumber = 110
     """First of the nine errors after the slew."""
     echo: RNumber = 119

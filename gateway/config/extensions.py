@@ -1,4 +1,4 @@
-"""Controls, buses and outlets of other packages, found by their entry points; see docs/extensions.md.
+"""Controls, buses and outlets of other packages, found by their entry points; see docs/own-profile.md.
 
 A package is loaded only when the file uses a kind that the gateway does not have, or when `check` looks at all of them.
 """

@@ -165,13 +165,3 @@ def test_poses_are_those_of_the_configuration_and_of_the_emulated_control() -> N
         for axis in "AC"
     )
     assert list(zip(a, c, strict=True)) == list(Probing().poses_deg) == list(CycleSettings().poses_deg)
-
-
-def test_the_page_and_the_programs_use_the_same_parameters() -> None:
-    """docs/nc.md is the reference for writing such programs for another control."""
-    page = (FOLDER.parents[2] / "docs" / "nc.md").read_text()
-    for name, number in SETTINGS.r_numbers():
-        if not name.startswith("handshake.results"):
-            assert re.search(rf"^\| R{number} \|", page, re.MULTILINE), f"{name} = R{number}"
-    last = HAND.results + 3 * SETTINGS.poses - 1
-    assert f"| R{HAND.results}–R{last} |" in page
