@@ -7,6 +7,8 @@ from shutil import copy
 import pytest
 from packaging.version import Version
 
+from gateway.runtime.versions import commit_of
+
 SCRIPT = Path(__file__).parents[1] / "deploy" / "version.sh"
 
 
@@ -48,6 +50,22 @@ def test_a_tag_is_a_release_and_each_commit_after_it_is_newer(tree: Path) -> Non
     assert Version("1.2.0") < Version(later) < Version("1.2.1")
     (tree / "pyproject.toml").write_text('[project]\nversion = "1.2.0"\n# mine\n', encoding="utf-8")
     assert version(tree) == f"{later}.dirty"
+
+
+def test_a_checkout_that_runs_says_its_commit(tree: Path) -> None:
+    assert commit_of(tree) == ""
+    git(tree, "init", "--quiet")
+    assert commit_of(tree) == "", "nothing is committed"
+    git(tree, "add", ".")
+    git(tree, "commit", "--quiet", "--message", "one")
+    commit = git(tree, "rev-parse", "--short=7", "HEAD")
+    assert commit_of(tree) == commit
+    git(tree, "pack-refs", "--all")
+    assert commit_of(tree) == commit
+    git(tree, "worktree", "add", "--quiet", "beside")
+    assert commit_of(tree / "beside") == commit
+    git(tree, "checkout", "--quiet", "--detach")
+    assert commit_of(tree) == commit
 
 
 def test_it_is_written_into_what_is_built(tree: Path) -> None:

@@ -52,12 +52,21 @@ _ELSEWHERE = {
 """Commands that are not defined here."""
 
 
+def _say_version(context: click.Context, _: click.Parameter, wanted: bool) -> None:
+    if wanted:
+        from gateway.runtime.versions import program_version
+
+        click.echo(f"talc-gateway, version {program_version()}")
+        context.exit()
+
+
 @click.group(
     cls=Commands,
     elsewhere=_ELSEWHERE,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
-@click.version_option(package_name="talc-gateway")
+@click.option("--version", is_flag=True, is_eager=True, expose_value=False, callback=_say_version,
+              help="Show the version and exit.")  # fmt: skip
 @click.option("-v", "--verbose", count=True, help="Log more; twice: everything.")
 def main(verbose: int) -> None:
     """Keeps a five-axis machine tool accurate while its temperature changes.

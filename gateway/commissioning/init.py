@@ -14,7 +14,7 @@ from drivers.base import DriverError
 from drivers.bounded_file import bytes_of
 from drivers.can.survey import Stopped
 from drivers.canopen.settings import CanOpenSettings
-from drivers.modbus.settings import ModbusRtuSettings
+from drivers.modbus.settings import ModbusRtuSettings, ModbusTcpSettings
 from drivers.mtconnect.make import suggest_mtconnect
 from drivers.mtconnect.suggest import SuggestedItems
 from drivers.problems import read_settings
@@ -54,6 +54,8 @@ from gateway.runtime.written import whole_numbers
 
 _AGENT_TIMEOUT_S = 5.0
 _UNITS = tuple(range(1, 33))
+_HOST_UNITS = (1, 255)
+"""Most devices on a network take every unit id; the others have one of these by default."""
 _ME_ADDRESSES = (126,)
 _NODES = tuple(range(CanOpenSettings.units[0], CanOpenSettings.units[1] + 1))
 
@@ -179,10 +181,12 @@ def _described(control: MtConnectAnswers) -> SuggestedItems | None:
 
 
 def _wires(answers: Answers) -> Iterator[_Wire]:
-    units = None if answers.units is None else whole_numbers(*ModbusRtuSettings.units, answers.units)
+    units = None if answers.units is None else whole_numbers(*ModbusTcpSettings.units, answers.units)
+    lowest, highest = ModbusRtuSettings.units
+    on_lines = _UNITS if units is None else tuple(unit for unit in units if lowest <= unit <= highest)
     for port in dict.fromkeys(answers.serial):
         line = plan(
-            port, bauds=answers.bauds or BAUDS, parities=PARITIES, units=units or _UNITS, me_bauds=ME_BAUDS,
+            port, bauds=answers.bauds or BAUDS, parities=PARITIES, units=on_lines, me_bauds=ME_BAUDS,
             me_addresses=_ME_ADDRESSES, timeout_s=SERIAL_TIMEOUT_S,
         )  # fmt: skip
         yield _Wire(port, line.requests, _by(partial(scan_line, line)))
@@ -196,7 +200,7 @@ def _wires(answers: Answers) -> Iterator[_Wire]:
         yield _Wire(port, len(BITRATES) * len(_NODES), partial(_scan_can, bus))
     if answers.hosts:
         hosts = TcpScan(
-            tuple(scanned_host(host) for host in dict.fromkeys(answers.hosts)), units or (1,), TCP_TIMEOUT_S
+            tuple(scanned_host(host) for host in dict.fromkeys(answers.hosts)), units or _HOST_UNITS, TCP_TIMEOUT_S
         )
         yield _Wire(", ".join(answers.hosts), hosts.requests, _by(partial(scan_hosts, hosts)))
 

@@ -1,12 +1,12 @@
 """Log lines of a gateway's start: version, wires, mode, store, endpoints, control, what is not armed."""
 
 from collections.abc import Iterator
-from importlib.metadata import version
 
 from gateway.config.consequences import unarmed
 from gateway.config.model import GatewayConfig
 from gateway.model.codes import NoticeCode
 from gateway.model.text import Text
+from gateway.runtime.versions import program_version
 from gateway.telemetry import keys
 
 
@@ -31,7 +31,7 @@ def opening(config: GatewayConfig) -> Iterator[Text]:
     """Lines for the log at the start and after a reload."""
     yield Text(
         NoticeCode.MACHINE_RUNS,
-        version=version("talc-gateway"),
+        version=program_version(),
         machine=config.machine.name,
         fingerprint=config.fingerprint()[:16],
         contents=contents(config),

@@ -6,7 +6,6 @@ import math
 import threading
 from collections.abc import Awaitable, Callable, Sequence
 from contextlib import AsyncExitStack
-from importlib.metadata import version
 
 from gateway.acquisition.wire_log import WireLogWriter
 from gateway.config.applied import ConfigurationApplied
@@ -23,7 +22,7 @@ from gateway.nc.settings import Identity
 from gateway.runtime.clocks import ServiceClock
 from gateway.runtime.extras import lack_of
 from gateway.runtime.time_service import clock_synchronised
-from gateway.runtime.versions import versions
+from gateway.runtime.versions import program_version, versions
 from gateway.service.day_reports import DayReports
 from gateway.service.service import Service
 from gateway.service.stored_answers import course_of, history_of, rows_of
@@ -124,7 +123,7 @@ async def serve(
 
             figures = GatewayFigures(
                 config.machine.name,
-                version("talc-gateway"),
+                program_version(),
                 clock.utc,
                 lambda: service.periods_missed,
                 lambda: {} if publisher is None else publisher.dropped._asdict(),

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
-from importlib.metadata import version
 from itertools import zip_longest
 from typing import NamedTuple, assert_never
 
@@ -38,6 +37,7 @@ from gateway.model.probing import Outcome, Outlook
 from gateway.model.sample import Sample
 from gateway.model.text import Text, json_of
 from gateway.model.wording import finding_text, worded
+from gateway.runtime.versions import program_version
 from gateway.telemetry import keys
 from gateway.telemetry.fields import coded
 from gateway.telemetry.messages import (
@@ -140,7 +140,7 @@ class Composer:
         self._boot, self._names, self._clock = boot, tuple(input_names), clock
         self._simulated = simulated
         self._clock_known = clock_known
-        self._version = version("talc-gateway")  # once: its files may be exchanged while the gateway runs
+        self._version = program_version()  # once: its files may be exchanged while the gateway runs
         self._sequence = 0
 
     def messages(self, event: GatewayEvent) -> list[Keyed]:  # noqa: C901 - one arm for each kind of event

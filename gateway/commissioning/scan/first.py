@@ -9,7 +9,7 @@ from pydantic import AfterValidator, Field
 
 from drivers.bus_settings import Baud
 from drivers.canopen.settings import CanOpenSettings
-from drivers.modbus.settings import ModbusRtuSettings
+from drivers.modbus.settings import ModbusTcpSettings
 from drivers.mtconnect.settings import AgentUrl, MachineOfAgent
 from drivers.mtconnect.suggest import SuggestedItems
 from drivers.opcua.settings import ServerUrl
@@ -37,7 +37,7 @@ def _can_interface(name: str) -> str:
 
 
 def _units(text: str) -> str:
-    whole_numbers(*ModbusRtuSettings.units, text)
+    whole_numbers(*ModbusTcpSettings.units, text)
     return text
 
 
@@ -93,7 +93,8 @@ class Answers(Section):
     hosts: tuple[Annotated[str, AfterValidator(_host)], ...] = ()
     """Modbus TCP devices and Micro-Epsilon controllers to ask: host, or host:port."""
     units: Annotated[str, AfterValidator(_units)] | None = None
-    """Modbus units to ask, such as 1-32,40; none: 1 to 32 on serial lines, 1 at hosts."""
+    """Modbus units to ask, such as 1-32,40; none: 1 to 32 on serial lines, 1 and 255 at hosts. Only hosts can have 0
+    and 248 to 255."""
     profiles: Mapping[str, NotEmpty] = Field(default_factory=dict)
     """Profiles of your own for devices that no supplied one fits, by place and unit: `"10.0.0.9 1" = "pt8.toml"`."""
     control: Annotated[ControlAnswers, Field(discriminator="kind")] | None = None

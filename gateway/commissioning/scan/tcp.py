@@ -136,9 +136,7 @@ async def _modbus(
             found, remark = await _told_apart(bus, scan.units, found, as_unknown, unknown, stopped)
             report.remarks += [f"{place} {remark}"] if remark else []
             if not found and not stopped():
-                nobody = (
-                    "accepts connections, but none of the units that were asked answers (ask more units, such as 1-16)"
-                )
+                nobody = "accepts connections, but none of the units that were asked answers (try --units 0-16,255)"
                 doubts.append(f"Modbus: {odd[0]}" if odd else f"{place} {nobody}")
     except (ConnectError, UnexpectedError) as error:
         doubts.append(f"Modbus: {error.advice}")

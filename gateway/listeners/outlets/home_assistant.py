@@ -2,10 +2,10 @@
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from importlib.metadata import version
 from typing import Final
 
 from gateway.listeners.outlets.outlet import OutletMessage
+from gateway.runtime.versions import program_version
 from gateway.telemetry.messages import DecisionMessage, ReadingMessage
 from talc.names import THERMAL_ERRORS
 
@@ -47,7 +47,7 @@ def discoveries(heard: OutletMessage, prefix: str, root: str, states: Sequence[s
             "value_template": template,
             "availability": [{"topic": topic} for topic in states],
             "availability_mode": "all",
-            "origin": {"name": "talc-gateway", "sw_version": version("talc-gateway")},
+            "origin": {"name": "talc-gateway", "sw_version": program_version()},
             "device": {"identifiers": [f"talc_{heard.machine}"], "name": heard.machine, "model": "talc-gateway"},
         }
         if unit is not None:

@@ -6,7 +6,6 @@ import socket
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
-from importlib.metadata import version
 from types import TracebackType
 from typing import Self
 
@@ -30,6 +29,7 @@ from gateway.runtime.clocks import RealClock
 from gateway.runtime.listening import ACCEPTED_AT_ONCE, MOST_STRANGERS, GuardedSocket, Peer
 from gateway.runtime.periodic import Periodic
 from gateway.runtime.problems import Problems
+from gateway.runtime.versions import program_version
 from gateway.telemetry.subscriber.site import SiteSeen
 
 log = logging.getLogger(__name__)
@@ -82,7 +82,7 @@ class MachineToolServer:
         server.limits = TransportLimits(_CHUNK_BYTES, _CHUNK_BYTES, _MOST_BYTES // _CHUNK_BYTES + 1, _MOST_BYTES)
         await server.init()
         name = "talc-gateway"
-        await server.set_build_info(f"urn:{name}", name, name, version(name), "0", datetime.now(UTC))
+        await server.set_build_info(f"urn:{name}", name, name, program_version(), "0", datetime.now(UTC))
         server.name = name
         first = next(iter(self._machines), "server")
         await _secure(server, serving.security, f"urn:{socket.gethostname()}:{name}:{first}")

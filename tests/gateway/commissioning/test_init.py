@@ -266,14 +266,14 @@ def test_a_wire_that_cannot_be_opened_is_reported_and_no_answer_is_lost(tmp_path
 def test_two_unknown_modules_become_devices_without_an_edit(tmp_path: Path) -> None:
     """Each is written as comments with the command that drafts its profile, which init then asks for."""
     file = tmp_path / "gateway.toml"
-    with answering(TcpHost({3: Holding(215, 220), 5: Holding(9, 8, 7), 9: Adam6015(lambda: SEVEN)})) as port:
-        typed = f"mill\n\n127.0.0.1:{port}\n3-9\nlinuxcnc\n\n\n"
+    with answering(TcpHost({3: Holding(215, 220), 255: Holding(9, 8, 7), 9: Adam6015(lambda: SEVEN)})) as port:
+        typed = f"mill\n\n127.0.0.1:{port}\n3-9,255\nlinuxcnc\n\n\n"
         first = init(str(file), typed=typed + "\n\n")
         assert first.exit_code == 0, first.output
         assert [device.unit for device in load(file).devices] == [9]
         text = file.read_text(encoding="utf-8")
         commands = re.findall(r"^# next: talc-gateway (.*)$", text, re.MULTILINE)
-        scanned = CliRunner().invoke(main, ["scan", "tcp", f"127.0.0.1:{port}", "--units", "3-5"])
+        scanned = CliRunner().invoke(main, ["scan", "tcp", f"127.0.0.1:{port}", "--units", "3,255"])
         assert [line for line in scanned.output.splitlines() if "inspect" in line] == [
             f"next: talc-gateway {command}" for command in commands
         ]
@@ -291,7 +291,7 @@ def test_two_unknown_modules_become_devices_without_an_edit(tmp_path: Path) -> N
         assert "absent.toml" in again.output, "and asked again"
         shutil.rmtree(home)
         config = load(file)
-        assert {(d.unit, len(d.channels)) for d in config.devices} == {(9, 7), (3, 2), (5, 3)}
+        assert {(d.unit, len(d.channels)) for d in config.devices} == {(9, 7), (3, 2), (255, 3)}
         assert "bed_front" in config.input_names, "what a person has named stays"
         assert config.nc is not None
         assert "unknown" not in file.read_text(encoding="utf-8")
