@@ -33,7 +33,7 @@ def why_not(places: Sequence[str], access: Access, otherwise: str = "") -> Text:
 
     otherwise: what Zenoh says, for a cause that is not found
     """
-    unknown = Text(NoticeCode.PLACE_OTHER, place=", ".join(places), error=otherwise or "no session")
+    unknown = Text(NoticeCode.PLACE_OTHER, place=", ".join(places), error=otherwise and f": {otherwise}")
     found = (cause(endpoint(text), access) for text in places)
     return next((text for text in found if text is not None), unknown)
 

@@ -238,7 +238,8 @@ def test_each_alert_is_given_for_its_cause_and_for_nothing_else(whole: GatewayFi
     asked = set(re.findall(r"talc_\w+", RULES.read_text(encoding="utf-8")))
     served_now = {name: f"{value:g}x195" for name, value in values(whole).items()} | WELL
     usual = {name: course for name, course in served_now.items() if name.partition("{")[0] in asked}
-    series = [{"series": 'up{job="talc-gateway",instance="gone"}', "values": "0x195"}]
+    series = [{"series": f'up{{job="talc-gateway",instance="{one}"}}', "values": "0x195"} for one in ("gone", "never")]
+    series.append({"series": 'talc_build{machine="mill",instance="gone"}', "values": "1x5"})
     for machine, cause in {"well": dict[str, str](), **CAUSES}.items():
         assert cause.keys() <= usual.keys(), machine
         for name, course in {**usual, **cause}.items():
@@ -246,13 +247,15 @@ def test_each_alert_is_given_for_its_cause_and_for_nothing_else(whole: GatewayFi
             pairs = [one.partition("=") for one in (f"machine={machine}", *labels.split(",")) if one]
             quoted = ",".join(f'{key}="{value}"' for key, _, value in pairs)
             series.append({"series": f"{figure}{{{quoted}}}", "values": course})
-    expected = [("TalcGatewayGone", ""), *((alert, alert) for alert in CAUSES)]
+    expected = [("TalcGatewayGone", "mill"), ("TalcGatewayGone", "never"), *((alert, alert) for alert in CAUSES)]
     expected.append(("TalcCertificateEnds", "TalcCertificateEndsSoon"))
     assert {alert for alert, _ in expected} == named("alert")
     firing = {
         "expr": 'count by (alertname, machine) (ALERTS{alertstate="firing"})',
         "eval_time": "780m",
-        "exp_samples": [told(*one) for one in expected],
+        "exp_samples": [
+            {"labels": f'{{alertname="{alert}",machine="{machine}"}}', "value": 1} for alert, machine in expected
+        ],
     }
     tests = [{"interval": "4m", "input_series": series, "promql_expr_test": [firing]}]
     file = tmp_path / "tests.yml"
@@ -260,12 +263,6 @@ def test_each_alert_is_given_for_its_cause_and_for_nothing_else(whole: GatewayFi
     file.write_text(json.dumps(whole_file), encoding="utf-8")  # JSON is YAML
     done = subprocess.run(["promtool", "test", "rules", file], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
-
-
-def told(alert: str, machine: str) -> dict[str, object]:
-    """A sample of promtool: an alert that fires once."""
-    of_machine = f',machine="{machine}"' if machine else ""
-    return {"labels": f'{{alertname="{alert}"{of_machine}}}', "value": 1}
 
 
 def test_a_port_in_use_is_named(whole: GatewayFigures) -> None:
