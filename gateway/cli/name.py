@@ -14,13 +14,15 @@ from gateway.cli.exits import EXIT_WORLD
 @click.option("--list", "wiring", type=OldFile, help="Wiring list (CSV): name, and device and input if it says where.")
 @click.option("--checklist", is_flag=True, help="Print the inputs as such a list, to fill in, and end.")
 @click.option("--by", default="", metavar="PERSON", help="Who names, for the protocol. Default: this user.")
+@click.option("--again", is_flag=True, help="Ask also for those that an earlier session has named.")
 @LanguageOption
-def name(config: Path, wiring: Path | None, checklist: bool, by: str, language: str) -> None:
+def name(config: Path, wiring: Path | None, checklist: bool, by: str, again: bool, language: str) -> None:
     """Name the channels of CONFIG: warm one sensor by hand, the channel that moves is shown, type its name; next.
 
     \b
     Each name is written at once, comments stay. With --list a sensor that moves where the list has it needs no typing.
-    CONFIG with .names.csv instead of .toml says who named what when, and how far it rose. Nothing is written to any
+    CONFIG with .names.csv instead of .toml says who named what when, and how far it rose; from it a session that was
+    ended goes on. Nothing is written to any
     device. Exit code 3: channels are left without a name.
     """
     from gateway.commissioning.naming.names import checklist as printed
@@ -33,4 +35,4 @@ def name(config: Path, wiring: Path | None, checklist: bool, by: str, language: 
     listed = [] if wiring is None else read_list(wiring, checked)
     from gateway.commissioning.naming.command import name_channels
 
-    sys.exit(0 if name_channels(config, checked, listed, by, language) else EXIT_WORLD)
+    sys.exit(0 if name_channels(config, checked, listed, by, language, again=again) else EXIT_WORLD)

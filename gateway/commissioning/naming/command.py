@@ -61,9 +61,13 @@ class _Sensors:
         return warmed({name: Track(kept[:, 0], kept[:, 1], self._units[name]) for name, kept in pairs.items()})
 
 
-def name_channels(path: Path, config: GatewayConfig, listed: Sequence[Listed], by: str, language: str) -> bool:
-    """Until every channel has its name, or somebody ends it; True if all have."""
+def name_channels(
+    path: Path, config: GatewayConfig, listed: Sequence[Listed], by: str, language: str, *, again: bool
+) -> bool:
+    """Until every channel has its name, or somebody ends it; True if all have. again: also those of earlier sessions"""
     names, protocol, said = Names.of(config, listed), path.with_suffix(".names.csv"), Language(language)
+    if not again:
+        names.resume(protocol)
 
     def keep(given: Given, seen: Warmed | None, back: bool) -> None:
         text = renamed(read_text(path), changes(given, back=back), path)

@@ -59,6 +59,8 @@ class Dialogue:
     def begin(self) -> None:
         """Say what to do."""
         self._say(self._said("naming.head", n=len(self.names.now)))
+        if self.names.given:
+            self._say(self._said("naming.resumed", done=len(self.names.given)))
         self._next()
 
     def moved(self, seen: Warmed) -> None:

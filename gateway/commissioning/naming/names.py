@@ -3,7 +3,8 @@
 import csv
 import io
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Final
@@ -20,6 +21,8 @@ _LIST: Final = ("device", "input", "now", "name")
 _PROTOCOL: Final = (
     "time", "by", "device", "input", "before", "name", "how", "rise", "unit", "second", "second_rise"
 )  # fmt: skip
+
+_UNDONE: Final = "undone"
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -65,6 +68,18 @@ class Names:
         """Before any was given."""
         found = {Input(d.name, number): name for d in config.devices for name, number in d.channels.items()}
         return cls(found, tuple(listed))
+
+    def resume(self, protocol: Path) -> None:
+        """Take those as given that earlier sessions gave and that the configuration still has, each with what its
+        undoing needs. Raises ConfigError for a protocol that cannot be read."""
+        rows = [row for row in _rows(protocol) if self.now.get(row.input) == row.name]
+        before = dict(self.now)
+        for row in reversed(rows):
+            other = next((each for each, name in before.items() if name == row.before and each != row.input), None)
+            before[row.input] = row.before
+            if other is not None:
+                before[other] = row.name
+            self.given.insert(0, replace(row, other=other))
 
     @property
     def named(self) -> set[Input]:
@@ -167,6 +182,19 @@ def read_list(path: Path, config: GatewayConfig) -> list[Listed]:
     return found
 
 
+def _rows(protocol: Path) -> list[Given]:
+    """What a protocol says was given and not taken back: the last name of each input."""
+    found: dict[Input, Given] = {}
+    text = read_text(protocol) if protocol.exists() else ""
+    for row in csv.DictReader(io.StringIO(text)):
+        with suppress(KeyError, TypeError, ValueError):  # somebody has edited it
+            place = Input(row["device"], int(row["input"]))
+            found.pop(place, None)
+            if row["how"] != _UNDONE:
+                found[place] = Given(place, row["before"], row["name"], row["how"])
+    return list(found.values())
+
+
 def written(path: Path, at: datetime, by: str, given: Given, seen: Warmed | None, *, back: bool) -> None:
     """Add one line to the protocol. back: it was taken back"""
     new = not path.exists()
@@ -179,6 +207,6 @@ def written(path: Path, at: datetime, by: str, given: Given, seen: Warmed | None
         )  # fmt: skip
         rows.writerow((
             at.isoformat(timespec="seconds"), by, given.input.device, given.input.number, given.before, given.name,
-            "undone" if back else given.how,
+            _UNDONE if back else given.how,
             *figures,
         ))  # fmt: skip

@@ -4,6 +4,7 @@ import asyncio
 import csv
 import os
 import pty
+import re
 import sys
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
@@ -19,7 +20,7 @@ name = "mill"
 name = "tcp1"
 kind = "modbus_tcp"
 host = "127.0.0.1"
-port = {port}
+port = 502
 period_s = 0.05
 timeout_s = 5.0
 [[device]]
@@ -84,7 +85,8 @@ class Terminal:
 
 
 def configure(file: Path, port: int) -> None:
-    file.write_text(CONFIG.format(port=port), encoding="utf-8")
+    text = file.read_text(encoding="utf-8") if file.exists() else CONFIG
+    file.write_text(re.sub(r"(?<=port = ).*", str(port), text), encoding="utf-8")
 
 
 @asynccontextmanager
@@ -132,11 +134,23 @@ async def test_the_sensor_that_is_warmed_gets_the_name_that_is_typed_and_undo_ta
         await terminal.shows(said("naming.given", device="adam", number=0, name="bed"))
         terminal.types("end")
         assert await process.wait() == 3
+    async with naming(file, source, "--language", "de") as (terminal, process):
+        await terminal.shows(said("naming.warm_any", done=1, n=3))
+        terminal.types("undo")
+        await terminal.shows(said("naming.warm_any", done=0, n=3))
+        await source.warm(0)
+        await terminal.shows(said("naming.which"))
+        terminal.types("bed")
+        await terminal.shows(said("naming.warm_any", done=1, n=3))
+        terminal.types("end")
+        assert await process.wait() == 3
     text = file.read_text(encoding="utf-8")
-    assert text == CONFIG.format(port=load(file).buses[0].model_dump()["port"]).replace("adam_in0", "bed")
+    assert text == CONFIG.replace("502", str(load(file).buses[0].model_dump()["port"])).replace("adam_in0", "bed")
     assert protocol(file) == [
         ("Ada", "1", "adam_in1", "column", "warmed"),
         ("Ada", "1", "adam_in1", "column", "undone"),
+        ("Ada", "0", "adam_in0", "bed", "warmed"),
+        ("Ada", "0", "adam_in0", "bed", "undone"),
         ("Ada", "0", "adam_in0", "bed", "warmed"),
     ]
 

@@ -1,10 +1,11 @@
 """Names in the text of a configuration, in a wiring list, and taken back."""
 
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
 
-from gateway.commissioning.naming.names import Input, Listed, Names, changes, checklist, read_list
+from gateway.commissioning.naming.names import Input, Listed, Names, changes, checklist, read_list, written
 from gateway.commissioning.naming.renamed import confirmed, renamed
 from gateway.config.file import parse
 from gateway.config.problems import ConfigError
@@ -76,6 +77,27 @@ def test_an_earlier_name_goes_to_whoever_had_the_new_one_until_that_was_named() 
     assert names.undo() == given
     assert list(names.now.values()) == ["bed", "column", "x_nut"]
     assert names.undo() is None
+
+
+def test_a_session_goes_on_from_the_protocol_of_earlier_ones(tmp_path: Path) -> None:
+    names, protocol = Names.of(parse(TEXT, PATH)), tmp_path / "gateway.names.csv"
+    later = Names.of(parse(TEXT, PATH))
+    later.resume(protocol)
+    assert not later.given, "there was none"
+    at = datetime(2026, 1, 2, tzinfo=UTC)
+    for number, name in ((1, "bed"), (0, "column_top"), (2, "nut"), (2, "")):
+        given = names.give(Input("adam", number), name, "warmed") if name else names.undo()
+        assert given is not None
+        written(protocol, at, "Ada", given, None, back=not name)
+    later.now |= names.now
+    later.resume(protocol)
+    assert later.given == names.given
+    while later.undo() is not None:
+        pass
+    assert list(later.now.values()) == ["bed", "column", "x_nut"], "also what was exchanged"
+    later.now |= names.now | {Input("adam", 0): "by_hand"}
+    later.resume(protocol)
+    assert [each.name for each in later.given] == ["bed"], "what was edited since is asked for again"
 
 
 def test_a_filled_checklist_is_read_back_and_its_mistakes_have_lines(tmp_path: Path) -> None:
