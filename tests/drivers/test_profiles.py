@@ -50,28 +50,26 @@ def test_golden_cases(case: str) -> None:
 
 
 def test_examples_of_the_documentation_are_right(tmp_path: Path) -> None:
-    pages = (Path(__file__).parents[2] / "docs" / name for name in ("devices.md", "own-profile.md", "wire-log.md"))
-    io_link = (Path(__file__).parents[2] / "examples" / "io-link").glob("*.toml")
-    text = "".join(page.read_text(encoding="utf-8") for page in pages)
-    text += "".join(f"```toml\n{file.read_text(encoding='utf-8')}```" for file in io_link)
+    root = Path(__file__).parents[2]
+    files = sorted(root.glob("examples/io-link/*.toml")) + sorted(root.glob("examples/profiles/*.toml"))
+    text = "".join(f"```toml\n{file.read_text(encoding='utf-8')}```" for file in files)
+    text += "".join((root / "docs" / name).read_text(encoding="utf-8") for name in ("own-profile.md", "wire-log.md"))
+    module = (root / "examples" / "profiles" / "module.toml").read_text(encoding="utf-8")
     dbc = 'VERSION ""\nBU_: L\nBO_ 768 Temperatures1: 8 L\n SG_ T1 : 0|16@1- (0.1,0) [-200|850] "degC" L\n'
     (tmp_path / "logger.dbc").write_text(dbc, encoding="ascii")
     path = tmp_path / "own.toml"
-    channels, whole = {}, ""
+    channels = {}
     for example in text.split("```toml\n")[1:]:
         content = example.split("```")[0]
         if "[[at]]" in content:
             assert Scenario.parse(content).values(0.0)[0] == 21.0
             continue
-        if content.startswith("[status]") or content.startswith(
-            "[type_code]"
-        ):  # instead of the one in the example before
-            content = whole[: whole.index("[status]")] + content
+        if content.startswith(("[status]", "[type_code]")):  # instead of the module's
+            content = module[: module.index("[status]")] + content
         elif content.startswith("[vendor."):
             content = (Path(__file__).parents[2] / "drivers" / "profiles" / "cia404.toml").read_text(
                 encoding="utf-8"
             ) + content
-        whole = content
         path.write_text(content, encoding="utf-8")
         profile = load_profile(str(path))
         channels[profile.title] = profile.channels

@@ -1,6 +1,6 @@
 """The table of faults: what is done to which wire, what happens to the channel, and what the user reads.
 
-`test_fault_matrix` plays each row; the table in docs/devices.md is written from it by `page`.
+`test_fault_matrix` plays each row.
 """
 
 from collections.abc import Sequence

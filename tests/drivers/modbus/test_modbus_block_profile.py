@@ -24,13 +24,12 @@ from tests.benches.refusals import refusing
 
 pytestmark = pytest.mark.simulated_time
 
-DOCS = Path(__file__).parents[3] / "docs" / "own-profile.md"
+METER = Path(__file__).parents[3] / "examples" / "profiles" / "meter.toml"
 
 
 def meter_profile() -> str:
     """The example of the documentation."""
-    text = DOCS.read_text(encoding="utf-8")
-    return next(part.split("```")[0] for part in text.split("```toml\n") if "energy meter" in part.split("```")[0])
+    return METER.read_text(encoding="utf-8")
 
 
 @dataclass
