@@ -14,7 +14,7 @@ from drivers.problems import read_settings, suggestion
 from drivers.profile import DeviceProfile
 from drivers.section import OTHER_ENCODING
 from drivers.text import Text, shown, text_of
-from drivers.toml_text import nearest, toml_data, toml_lines
+from drivers.toml_text import TomlError, nearest, toml_data, toml_lines, utf8_text
 
 _MOST_OTHER_BYTES = 2**23
 """Of the file that a profile refers to."""
@@ -92,11 +92,9 @@ def _bytes(name: str) -> bytes:
 
 def _decoded(name: str, content: bytes) -> str:
     try:
-        return _one_line_end(content.decode("utf-8-sig"))  # editors of Windows begin a file with a mark
-    except UnicodeDecodeError as error:
-        raise SetupError(
-            Text("profile_unreadable", profile=name, why=str(error)), hint=Text("profile_give_toml")
-        ) from error
+        return utf8_text(content)
+    except TomlError as error:
+        raise SetupError(Text("in_file", file=f"{name}:{error.line}", what=text_of(error))) from error
 
 
 def _parse(name: str, text: str, *, file: str) -> DeviceProfile:

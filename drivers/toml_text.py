@@ -71,6 +71,17 @@ class TomlError(ValueError):
         """Counted from 1; 0: unknown."""
 
 
+def utf8_text(content: bytes) -> str:
+    """The text of a file, its lines ended by a line feed. Raises TomlError with the line of what is no UTF-8."""
+    try:
+        text = content.decode("utf-8-sig")  # editors of Windows begin a file with a byte order mark
+    except UnicodeDecodeError as error:
+        whole, at = error.object, error.start
+        what = Text("file_not_utf8", at=at, byte=whole[at], letter=whole[at : at + 1].decode("latin-1"))
+        raise TomlError(what, whole.count(b"\n", 0, at) + 1) from None
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
 def toml_data(text: str) -> dict[str, object]:
     """The data of a TOML file. Raises TomlError if the text is not TOML, or has values that cannot be shown."""
     if deep := _DEEP.search(text):

@@ -7,7 +7,7 @@ from typing import Annotated, Any, TypeVar, Union
 from pydantic import BaseModel, Field
 
 from drivers.bounded_file import bytes_of
-from drivers.toml_text import TomlError, toml_data
+from drivers.toml_text import TomlError, toml_data, utf8_text
 from gateway.config.problems import ConfigError, Problem, located, place, read_sections, spot_of
 from gateway.model.codes import NoticeCode
 from gateway.model.text import Text, text_of
@@ -19,16 +19,15 @@ M = TypeVar("M", bound=BaseModel)
 def read_text(path: Path) -> str:
     """The text of a file. Raises ConfigError."""
     try:
-        text = bytes_of(path).decode("utf-8-sig")  # editors of Windows begin a file with a byte order mark
+        content = bytes_of(path)
     except OSError as error:
         why = error.strerror or str(error)
         raise ConfigError(path, [Problem("", Text(NoticeCode.FILE_NOT_READ, error=why))]) from None
-    except UnicodeDecodeError as error:
-        content, at = error.object, error.start
-        what = Text(NoticeCode.FILE_NOT_UTF8, at=at, byte=content[at], letter=content[at : at + 1].decode("latin-1"))
-        spot = spot_of(content.decode("latin-1"), content[:at].count(b"\n") + 1)
-        raise ConfigError(path, [Problem("", what, at=spot)]) from None
-    return text.replace("\r\n", "\n").replace("\r", "\n")
+    try:
+        return utf8_text(content)
+    except TomlError as error:
+        spot = spot_of(content.decode("latin-1"), error.line)
+        raise ConfigError(path, [Problem("", text_of(error), at=spot)]) from None
 
 
 def read_as(kind: type[M], path: Path) -> M:

@@ -349,7 +349,6 @@ class NoticeCode(StrEnum):
     DATABASE_IS_DAMAGED = "database_is_damaged"
     DATABASE_EARLIER = "database_earlier"
     FILE_NOT_WRITTEN = "file_not_written"
-    FILE_NOT_UTF8 = "file_not_utf8"
     FILE_NOT_TOML = "file_not_toml"
     FILE_PROBLEM = "file_problem"
     NAMES_NOT_WRITTEN = "names_not_written"

@@ -196,6 +196,14 @@ def test_a_file_in_latin_1_is_named_with_its_line(tmp_path: Path) -> None:
     assert (problem.at.line, problem.text.value_of("letter")) == (line, "ä")
 
 
+def test_a_profile_of_ones_own_in_latin_1_is_named_with_its_line(tmp_path: Path) -> None:
+    profile = tmp_path / "own.toml"
+    profile.write_bytes('protocol = "modbus"\ntitle = "Messgerät"\n'.encode("latin-1"))
+    (problem,) = problems(broken(DEVICE, 'profile = "own.toml"')[0], tmp_path)
+    assert problem.text.says("file_not_utf8")
+    assert f"{profile}:2" in str(problem)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "sections"),
     [(RTU, f"{RTU}\nunit = 1", "[[device]]"), ('name = "mill"', 'name = "mill"\narmed = true', "[probing]"),
