@@ -117,11 +117,12 @@ class _Unit:
             self.late_s = max(took_s, self.late_s + _NEWEST * (took_s - self.late_s))
 
     def passes(self, answered: Request) -> None:
-        """Units answer in order: what was sent before this, which is answered, is not answered any more."""
+        """Units answer in order: what was sent before this, which is answered, is not answered any more. Unless this is
+        a copy: it shows nothing of what has had no answer yet."""
         for request in self.open[: self.open.index(answered)]:
             if request.may_be_answered and not request.is_passed:
                 self.not_copied += 1
-            request.is_passed = True
+            request.is_passed |= request.may_be_answered or not answered.may_be_answered
 
     def hears(self, request: Request, message: bytes, now_s: float) -> None:
         """This is its answer, or a copy of another one: then its own is still to come."""
@@ -249,8 +250,8 @@ class Requests:
         in_turn = not self.asked or self._units.get(self.asked) is one or one.late_share > _IS_LATE
         was_copied = request.may_be_answered
         if not self._numbered:
-            one.passes(request)
             one.hears(request, message, now_s)
+            one.passes(request)
         if not request.may_be_answered:
             one.open.remove(request)
         one.least_s = min(now_s - request.sent_s, one.least_s + _NEWEST * (now_s - request.sent_s - one.least_s))
