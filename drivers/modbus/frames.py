@@ -135,6 +135,11 @@ def is_damaged(heard: bytes | bytearray, block: Block) -> bool:
     return len(heard) == rtu_length(block) and not is_rtu_frame(heard)
 
 
+def is_damaged_of(heard: bytes | bytearray, unit: int, block: Block) -> bool:
+    """Whether it also begins as that unit's answer does: a late one of another unit may be damaged, too."""
+    return is_damaged(heard, block) and heard[:3] == bytes((unit, block.function, data_bytes(block)))
+
+
 def foreign_refusal(heard: bytes | bytearray, unit: int) -> bytes | None:
     """The message of a refusal by this unit at the end of these bytes, whatever function it names; None: there is none.
 

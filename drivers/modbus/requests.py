@@ -219,11 +219,13 @@ class Requests:
             self._of(unit).open.remove(open_[0])
 
     def perhaps_refused(self, unit: int, block: Block) -> None:
-        """Nothing follows the refusal that may have been the answer to this: it was, unless the unit is often late."""
+        """Nothing follows the refusal that may have been the answer to this: it was, unless the unit is often late, or
+        answers to other requests of the same question, which it may refuse, are missing, too."""
         one = self._of(unit)
-        refused = [r for r in one.open if r.block == block and r.may_be_refused]
-        if refused and one.late_share <= _IS_LATE:
-            del one.open[: one.open.index(refused[-1]) + 1]
+        until = max((n for n, r in enumerate(one.open) if r.block == block and r.may_be_refused), default=-1)
+        others = (r for r in one.open[: until + 1] if r.block.function == block.function and r.block != block)
+        if one.late_share <= _IS_LATE and all(r.is_old for r in others):
+            del one.open[: until + 1]
 
     def took(self, unit: int, block: Block) -> Came | None:
         """The answer to the present question; only once."""

@@ -13,6 +13,7 @@ from drivers.modbus.frames import (
     find_rtu_answer,
     foreign_refusal,
     is_damaged,
+    is_damaged_of,
     is_rtu_frame,
     plausibly_of,
     rtu_length,
@@ -207,7 +208,7 @@ class RtuFramedBus(ModbusBus):
         if (message := self._foreign_refusal(heard[self._sorted_to :], unit)) is not None:
             self._requests.spoilt(unit, block)
             return message
-        if is_damaged(heard[self._sorted_to :], block):
+        if is_damaged_of(heard[self._sorted_to :], unit, block):
             self._requests.spoilt(unit, block)
         else:
             self._patience.missed(unit, like)

@@ -13,6 +13,8 @@ _REQUEST_BYTES = 8
 _PAUSE_S = 0.02
 """A pause on a serial line, after which a frame begins anew."""
 _WIRE_S = 0.001
+_APART_S = 1e-6
+"""What is sent at one moment may arrive in any order."""
 
 
 class ForeignModbus:
@@ -171,7 +173,7 @@ class ForeignModbus:
         nature, draw, now_s = self._is, self._draw, self._loop.time()
         if nature.pieces_s:
             at = draw.randrange(1, len(frame))
-            begins_s = max(now_s, self._sent_s)
+            begins_s = max(now_s, self._sent_s + _APART_S)
             line.send(frame[:at], begins_s)
             self._sent_s = begins_s + nature.pieces_s
             line.send(frame[at:], self._sent_s)
