@@ -25,6 +25,7 @@ from gateway.telemetry.codec import encode
 from gateway.telemetry.history_queries import parse_course
 from gateway.telemetry.messages import ProbingStanding, PublishedCourse, PublishedReason
 from gateway.telemetry.report_queries import parse_report
+from gateway.telemetry.scenario_queries import parse_scenario
 from talc.names import THERMAL_ERRORS
 from tests.benches.small_run import small_run
 from tests.benches.zenoh_sessions import listening
@@ -84,6 +85,12 @@ class PlayedGateway:
             asked = parse_report(str(query.parameters))
             page = ReportPage(asked.day.isoformat(), asked.zone, gzip.compress(build(small_run(48)).encode()))
             query.reply(f"{self._root}/{keys.REPORT}", encode(page))
+            return
+        if keys.asks_for(keys.SCENARIO, str(query.key_expr)):
+            told, minutes = self._last["forecast"], parse_scenario(str(query.parameters)).minutes
+            loads = {"time": datetime.now(UTC).isoformat(), "minutes": minutes, "loads": {"speed": 3000.0}}
+            courses = {"k": told["k"], "ahead_s": told["ahead_s"], "stays": told["stays"], "loaded": told["usual"]}
+            query.reply(f"{self._root}/{keys.SCENARIO}", json.dumps(loads | courses))
             return
         for suffix, message in list(self._last.items()):
             query.reply(f"{self._root}/{suffix}", json.dumps(message))

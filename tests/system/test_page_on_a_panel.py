@@ -55,3 +55,12 @@ def test_the_verdict_its_reason_and_the_numbers_are_read_from_two_metres(setting
                 for seen in ("#word", "#because", "#helps p", "[data-of=half]"):
                     expect(page.locator(seen).first).to_be_in_viewport(ratio=1.0)
                 assert minutes_of_arc(page.locator("#helps p").first) >= 1.3 * ACUITY, "when it will be ready"
+        for page in pages.values():
+            usual = [minutes_of_arc(page.locator(each).first) for each in ("#word", "#because p", "#axes .number")]
+            page.goto(page.url + "&panel")
+            expect(page.locator("#rail")).to_be_hidden()
+            expect(page.locator("#axes .number").first).to_be_visible()
+            for each, before in zip(("#word", "#because p", "#axes .number"), usual, strict=True):
+                assert minutes_of_arc(page.locator(each).first) > before, each
+            for seen in ("#word", "#because", "#axes article:last-child .number", "#sketch", "#helps p", "#strip"):
+                expect(page.locator(seen).first).to_be_in_viewport(ratio=1.0)

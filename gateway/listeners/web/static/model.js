@@ -125,7 +125,7 @@ const build = (channels, errors, place, angles, sphere, axes) => {
     const left = x < 180, carried = part === "cradle" ? "A" : part === "table" ? "C" : "", [u, v] = point ? scaled(now[carried](point)) : [];
     const link = drawn("a", { href: `#sensors/${part}`, "data-body": part });
     if (point) link.append(drawn("path", { class: "leader", d: `M${left ? x + 5 : x - 5} ${y - 4}L${u} ${v}` }), drawn("circle", { class: "end", cx: u, cy: v, r: 2.2 }));
-    link.append(drawn("text", { x, y: y - 3, class: left ? "left" : "" }, `${word("body." + part).replace(/ .*/, "")} ${[...MOVES[part] ?? ""].filter((letter) => axes.some((axis) => axis[0] === letter)).join("")}`), drawn("text", { x, y: y + 14, class: left ? "left number" : "number" }));
+    link.append(drawn("rect", { class: "touched", x: left ? x - 78 : x, y: y - 22, width: 78, height: 44 }), drawn("text", { x, y: y - 3, class: left ? "left" : "" }, `${word("body." + part).replace(/ .*/, "")} ${[...MOVES[part] ?? ""].filter((letter) => axes.some((axis) => axis[0] === letter)).join("")}`), drawn("text", { x, y: y + 14, class: left ? "left number" : "number" }));
     return link;
   });
   const bends = Object.keys(errors).length > 0 && displaced(errors) > 0;
