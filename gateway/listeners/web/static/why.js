@@ -17,7 +17,7 @@ const even = (parts, total) => {
   return own.filter((p) => p.n);
 };
 const named = (key) => key === REST ? word("heat.others") : key === LEVEL ? word("heat.level") : key === SINCE ? word("moves.since").replace("{at}", time(latest.reasons)) : key;
-const OWN = [REST, LEVEL, SINCE];
+const OWN = [REST, LEVEL, SINCE], KINDS = { [REST]: "rest", [LEVEL]: "level", [SINCE]: "since" };
 // The largest first, and then what is no input.
 const ranked = (parts) => [...parts].sort((a, b) => OWN.includes(a.key) - OWN.includes(b.key) || Math.abs(b.n) - Math.abs(a.n));
 // rows: [{ name, note, unit, total, parts: [{ key, n, part }], said }]; all on one scale for each unit. said: instead of parts
@@ -27,21 +27,29 @@ export const stacks = (rows) => {
     const [low, high] = ends[unit] ?? [0, 0], sum = (sign) => parts.filter((p) => p.n * sign > 0).reduce((all, p) => all + p.n, 0);
     ends[unit] = [Math.min(low, sum(-1)), Math.max(high, sum(1))];
   }
+  const dressed = (shown, p) => {
+    const degrees = by[p.part]?.mean;
+    if (degrees !== undefined && degrees !== null) shown.style.setProperty("--heat", heat(degrees)); else shown.classList.add("plain");
+    if (OWN.includes(p.key)) shown.classList.add(KINDS[p.key]);
+    return shown;
+  };
   return rows.map(({ name, note, unit, total, parts, key, said: why }) => {
     const row = make("div", undefined, "stack"), track = make("div", undefined, "track"), [low, high] = ends[unit], wide = high - low || 1;
     const at = (n) => (n - low) / wide * 100;
     let up = 0, down = 0;
     for (const p of [...parts].sort((a, b) => Math.abs(b.n) - Math.abs(a.n))) {
-      const from = p.n > 0 ? up : down + p.n, to = from + Math.abs(p.n), shown = piece(p.key === REST ? "share rest" : p.key === LEVEL || p.key === SINCE ? "share level" : "share", at(from), at(to));
-      const degrees = by[p.part]?.mean;
-      if (degrees !== undefined && degrees !== null) shown.style.setProperty("--heat", heat(degrees)); else shown.classList.add("plain");
+      const from = p.n > 0 ? up : down + p.n, to = from + Math.abs(p.n), shown = dressed(piece("share", at(from), at(to)), p);
       shown.title = `${named(p.key)} ${amount({ n: p.n, u: unit, d: 1, sign: true })}`;
       if (p.n > 0) up = to; else down = from;
       track.append(shown);
     }
     if (!why) track.append(piece("nought", at(0)), piece("sum", at(total)));
     const said = make("p", why, "parts");
-    said.append(...ranked(parts).flatMap((p, i) => [i ? " " : "", Object.assign(make("span", `${named(p.key)}\u00a0${amount({ n: p.n, d: 1, sign: true })}`), { className: "part-of" })]));
+    said.append(...ranked(parts).flatMap((p, i) => {
+      const part = make("span", `${named(p.key)}\u00a0${amount({ n: p.n, d: 1, sign: true })}`, "part-of");
+      part.prepend(dressed(make("i", undefined, "share"), p));
+      return [i ? " " : "", part];
+    }));
     track.setAttribute("aria-hidden", "true");
     const title = make("h4", name);
     if (note) title.append(" ", make("small", note));
@@ -87,8 +95,9 @@ const show = () => {
   if (!latest) return;
   const errors = moment === null ? errorsNow(latest) : then ?? [];
   if (!changed("why", [moment, errors, latest.reach, axis, time(latest.gateway_time)])) return;
-  const rows = errors.length ? AXES.map((_, i) => axisRow(errors, i)) : [], none = () => [make("p", word("heat.no_reasons"), "empty")];
+  const ofTool = (each) => each.length ? AXES.map((_, i) => axisRow(each, i)) : [], rows = ofTool(errors), none = () => [make("p", word("heat.no_reasons"), "empty")];
   $("why-axes").replaceChildren(...(rows.length ? stacks(rows) : none()));
+  $("now-why").replaceChildren(...stacks(ofTool(errorsNow(latest))));
   $("drives").replaceChildren(...stacks(errorRows(errors)));
   $("drives-empty").hidden = errors.length > 0;
   $("moment-why").replaceChildren(...(rows.length ? stacks([rows[AXES.indexOf(axis)]]) : none()));
