@@ -80,6 +80,7 @@ def course_of(path: Path, step_s: float) -> CourseSource:
             [_reason(each) for each in found.reasons],
             columns_by_error(found.left),
             _by_name(found.other_names, found.others),
+            list(found.marked),
         )
 
     return find

@@ -15,13 +15,18 @@ from gateway.storage.pages import reading_connection
 from gateway.storage.placing import placed_frames
 from gateway.storage.rows import frames_of, reasons_of
 from talc.explanation import Reasons
-from talc.frame import FloatArray
+from talc.frame import EventKind, FloatArray
 from talc.names import THERMAL_ERRORS
 
 _ERRORS = len(THERMAL_ERRORS)
 _TEMPERATURE = "degC"
 _MOST_MEASUREMENTS = 20_000
 """Rows that are looked at for one answer; of more, the latest."""
+
+_MARKED = (EventKind.PROBLEM, EventKind.MEASUREMENT_REJECTED, EventKind.MODEL_REJECTED, EventKind.SENSOR_SUSPECT,
+           EventKind.OPERATOR, EventKind.COMMAND)  # fmt: skip
+"""Kinds of events that somebody looks for months later."""
+_MOST_MARKED = 1000
 
 _Measured = tuple[str, bytes, bytes | None, float | None, bytes]
 """When it ended, errors, sigma, residual, and what was in force."""
@@ -68,6 +73,8 @@ class StoredCourse:
     """(n, o) likewise."""
     left: FloatArray
     """(m, 9) what each measurement found beyond what was predicted and in force; NaN: unknown."""
+    marked: tuple[tuple[float, str], ...]
+    """When a problem or an order was, and its kind; the latest of the span."""
 
 
 def course_between(
@@ -99,6 +106,7 @@ def course_between(
         degrees = _inputs(connection, at, "temperatures") if temperatures else nothing
         others = _inputs(connection, at, "others") if inputs else nothing
         left = _left(connection, measured, step_s)
+        marked = _marked(connection, begin, end)
     return StoredCourse(
         np.array([k * step_s for k, *_ in found]),
         _nines([row[1] for row in found]),
@@ -111,6 +119,7 @@ def course_between(
         given,
         *others,
         left,
+        marked,
     )
 
 
@@ -136,6 +145,15 @@ def _measurements(connection: sqlite3.Connection, begin: datetime, end: datetime
         [time.astimezone(UTC).isoformat() for time in (begin, end)],
     )
     return rows.fetchall()[::-1]
+
+
+def _marked(connection: sqlite3.Connection, begin: datetime, end: datetime) -> tuple[tuple[float, str], ...]:
+    rows = connection.execute(
+        f"SELECT time, kind FROM event WHERE kind IN ({','.join('?' * len(_MARKED))})"
+        f" AND time >= ? AND time < ? ORDER BY id DESC LIMIT {_MOST_MARKED}",
+        [*_MARKED, *(time.astimezone(UTC).isoformat() for time in (begin, end))],
+    ).fetchall()
+    return tuple((datetime.fromisoformat(time).timestamp(), kind) for time, kind in reversed(rows))
 
 
 def _reasons(

@@ -77,6 +77,12 @@ class CoursePage(Struct, frozen=True):
         dict[str, list[Number]],
         Meta(description="Only if asked for: by input that is no temperature, in its unit, at each `time`"),
     ] = {}
+    marked: Annotated[
+        list[tuple[float, str]],
+        Meta(
+            description="When problems and orders were, the latest of the span, UTC, seconds since 1970; and the kind"
+        ),
+    ] = []
 
 
 class StoredColumn(Struct, frozen=True):

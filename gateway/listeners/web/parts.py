@@ -431,8 +431,12 @@ def _shown_event(event: EventMessage, ended: str | None = None) -> ShownEvent:
     said = told(restored(event.text, event.code, event.values) if event.code else plain(event.text))
     if ended is not None or event.kind == EventKind.PROBLEM_ENDED:
         return ShownEvent(event.time, f"event.{EventKind.PROBLEM_ENDED}", said, "good", ended)
-    mark = "bad" if event.kind in _BAD else "notice" if event.kind in _NOTABLE else ""
-    return ShownEvent(event.time, f"event.{event.kind}", said, mark)
+    return ShownEvent(event.time, f"event.{event.kind}", said, mark_of(event.kind))
+
+
+def mark_of(kind: str) -> str:
+    """Of an event: `bad`, `notice`, or empty."""
+    return "bad" if kind in _BAD else "notice" if kind in _NOTABLE else ""
 
 
 def _unit(unit: str) -> str:

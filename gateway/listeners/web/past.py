@@ -8,6 +8,7 @@ import numpy as np
 
 from drivers.number_types import WRITTEN_NUMBER
 from gateway.listeners.web.at_tool import half_width, moved
+from gateway.listeners.web.parts import mark_of
 from gateway.telemetry.answers import CoursePage
 from gateway.telemetry.messages import PublishedCourse
 from gateway.telemetry.subscriber.machine import believable
@@ -37,6 +38,8 @@ class ShownPast:
     """What measurements found beyond the correction; of a gateway that does not tell, nothing."""
     temperatures: dict[str, list[float | None]] = field(default_factory=dict, kw_only=True)
     """By channel, at each time, the other inputs as well; only if they were asked for."""
+    marks: list[tuple[float, str]] = field(default_factory=list, kw_only=True)
+    """When notable events were, UTC seconds, and their marks."""
 
 
 def shown_past(page: CoursePage, matrix: FloatArray) -> ShownPast:
@@ -54,6 +57,7 @@ def shown_past(page: CoursePage, matrix: FloatArray) -> ShownPast:
             name: _temperature(name, column, len(page.time))
             for name, column in (page.temperatures | page.inputs).items()
         },
+        marks=[(time, mark) for time, kind in page.marked if math.isfinite(time) and (mark := mark_of(kind))],
     )
 
 

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gateway.model.events import DecisionMade, FrameMade, MeasurementEnded, ReadingsTaken, ReasonsGiven
+from gateway.model.events import DecisionMade, EventReported, FrameMade, MeasurementEnded, ReadingsTaken, ReasonsGiven
 from gateway.storage.course_pages import course_between
 from gateway.storage.faults import StoreError
 from gateway.storage.store import Store
-from talc.frame import Frame, Measurement
+from talc.frame import Event, EventKind, Frame, Measurement
 from tests.benches import telemetry_examples as example
-from tests.benches.stepped_clock import SteppedClock
+from tests.benches.stepped_clock import EPOCH, SteppedClock
 
 STEP_S = 300.0
 STEPS = 1000
@@ -36,6 +36,8 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
                 found = Measurement(np.full(9, k + 0.5), np.full(9, 0.25))
                 store.record(MeasurementEnded(replace(example.OUTCOME, ended=at(k), measurement=found)))
         store.record(MeasurementEnded(replace(example.REFUSED, ended=at(350))))
+        for kind in (EventKind.PROBLEM, EventKind.PROBLEM_ENDED, EventKind.OPERATOR):
+            store.record(EventReported(Event(kind, "text"), None))
     return file
 
 
@@ -66,6 +68,12 @@ def test_a_refused_cycle_is_no_measurement_and_thinned_ones_are_first_and_last(p
     assert (everything.measured_time / STEP_S).tolist() == [0, 100, 200, 300, 600, 700, 800, 900]
     few = course_between(path, at(0), at(STEPS), 2, STEP_S)
     assert (few.measured_time / STEP_S).tolist() == [0, 900]
+
+
+def test_problems_and_orders_of_the_span_are_told_with_their_time(path: Path) -> None:
+    found = course_between(path, EPOCH, EPOCH + timedelta(seconds=1), 10, STEP_S)
+    assert found.marked == ((EPOCH.timestamp(), "problem"), (EPOCH.timestamp(), "operator"))
+    assert course_between(path, EPOCH - timedelta(days=1), EPOCH, 10, STEP_S).marked == ()
 
 
 def test_a_span_without_anything_is_empty_and_a_year_costs_no_more_than_its_parts(path: Path) -> None:

@@ -242,10 +242,10 @@ const overlay = (u, ink) => {
     ctx.fillRect(x(course.t[i]), bottom - LANE * px, x(to) - x(course.t[i]) + 1, LANE * px);
   });
   if (forecast && course.ahead_t.length) line(x(ended()), top, x(ended()), bottom, "ink", 1.5);
-  if (!off.has("events")) for (const e of marks.filter((each) => each.at >= min && each.at <= max)) {
-    ctx.fillStyle = ink(e.mark === "bad" ? "bad" : "note");
+  if (!off.has("events")) for (const [at, mark] of [...past?.marks ?? [], ...fine?.marks ?? [], ...marks].filter(([t]) => t >= min && t <= max)) {
+    ctx.fillStyle = ink(mark === "bad" ? "bad" : "note");
     ctx.beginPath();
-    ctx.moveTo(x(e.at) - 5 * px, bottom - (LANE + 12) * px); ctx.lineTo(x(e.at) + 5 * px, bottom - (LANE + 12) * px); ctx.lineTo(x(e.at), bottom - (LANE + 2) * px);
+    ctx.moveTo(x(at) - 5 * px, bottom - (LANE + 12) * px); ctx.lineTo(x(at) + 5 * px, bottom - (LANE + 12) * px); ctx.lineTo(x(at), bottom - (LANE + 2) * px);
     ctx.fill();
   }
   if (moment !== null) line(x(moment), top, x(moment), bottom, "focus", 2, [5 * px, 4 * px]);
@@ -275,7 +275,7 @@ export const showCourse = (c) => {
   if (pastTo === null ? performance.now() - askedMs > PATIENCE_MS : Math.abs(began() - pastTo) > AGAIN_S) loadPast();
 };
 export const showMarks = (events) => {
-  marks = events.filter((e) => e.mark === "bad" || e.mark === "notice").map((e) => ({ at: Date.parse(e.t) / 1e3, mark: e.mark }));
+  marks = events.filter((e) => e.mark === "bad" || e.mark === "notice").map((e) => [Date.parse(e.t) / 1e3, e.mark]);
   if (chart) chart.redraw(false);
 };
 export const keepTolerance = (um) => {

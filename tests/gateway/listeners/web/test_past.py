@@ -1,6 +1,7 @@
 """The time before the page's program heard anything is asked of the gateway, at the chosen point."""
 
 import asyncio
+import math
 import threading
 from datetime import UTC
 from typing import Any, Literal, cast
@@ -45,6 +46,13 @@ def test_it_is_shown_at_the_chosen_point_in_columns() -> None:
     assert (shown["measured_t"], shown["measured"][2]) == ([FROM_S - 500.0], [0.0])
     ((machine, begin, end, limit),) = source.asked
     assert (machine, end, (end - begin).total_seconds(), limit) == ("mill", BEGAN.astimezone(UTC), 3600.0, 500)
+
+
+def test_problems_and_orders_of_then_are_marked() -> None:
+    marked = [(FROM_S - 400.0, "problem"), (FROM_S - 300.0, "command"), (math.nan, "problem"), (FROM_S, "later kind")]
+    answer = mill_page(StoredElsewhere(lambda: msgspec.structs.replace(stored(), marked=marked)))
+    shown = answer.get("/past/mill", params=SPAN).json()["marks"]
+    assert shown == [[FROM_S - 400.0, "bad"], [FROM_S - 300.0, "notice"]]
 
 
 def test_temperatures_come_only_if_they_are_asked_for_and_are_as_many_as_the_times() -> None:
