@@ -27,10 +27,11 @@ from gateway.listeners.web.older import OlderPages
 from gateway.listeners.web.page_files import PageFiles
 from gateway.listeners.web.past import MOST_POINTS, shown_past, span, written
 from gateway.listeners.web.scenario import ScenarioPages
+from gateway.listeners.web.sentences import UNHEARD, why
 from gateway.listeners.web.settings import MachineUse, WebSettings
 from gateway.listeners.web.streams import Browser, Streams
 from gateway.listeners.web.verdict import Viewpoint
-from gateway.listeners.web.week_pages import AskCourse, WeekPages
+from gateway.listeners.web.week_pages import AskCourse, WeekPages, unanswered
 from gateway.model.codes import NoticeCode
 from gateway.model.text import Text, languages
 from gateway.runtime.listening import Peer
@@ -177,7 +178,7 @@ class _Pages:
             return PlainTextResponse(str(error), 400)
         ask = self._ask_with_inputs if "temperatures" in request.query_params else self._ask
         if ask is None:
-            return PlainTextResponse("not connected", 503)
+            return unanswered(UNHEARD)
         try:
             async with self._asking:
                 page = await asyncio.to_thread(ask, name, begin, end, MOST_POINTS)
@@ -185,7 +186,7 @@ class _Pages:
                 viewpoint = viewpoint_of(machines.get(name) or MachineSeen(name))
             shown = shown_past(page, viewpoint.matrix)
         except (OSError, ValueError) as error:
-            return PlainTextResponse(str(error), 503)
+            return unanswered(why(error))
         return Response(_ENCODER.encode(shown), media_type="application/json")
 
     async def command(self, request: Request) -> Response:

@@ -13,6 +13,7 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 
 from gateway.listeners.web.catalogue import chosen_language
+from gateway.model.text import Language, text_of
 from gateway.telemetry.answers import ReportPage
 from gateway.telemetry.subscriber.site import SiteSeen
 
@@ -54,13 +55,14 @@ class DayReportPages:
         if not self._site.may_be(name) or not _ZONE.fullmatch(zone):
             return PlainTextResponse("This is not a valid name of a machine or of a time zone.", 404)
         if self._ask is None:
-            return PlainTextResponse("not connected", 503)
+            return PlainTextResponse(Language(language)("page.nothing_heard"), 503)
         try:
             async with self._asking:  # somebody who opens many does not stop the others
                 found = await asyncio.to_thread(self._ask, name, day, zone, language)
             page = await asyncio.to_thread(_expanded, found.page)
         except OSError as error:
-            return PlainTextResponse(f"There is no report of {day} from {name}: {error}", 503)
+            said = Language(language)
+            return PlainTextResponse(said("day_report.none", day=f"{day}", name=name, error=text_of(error)), 503)
         return Response(page, media_type="text/html", headers={"content-security-policy": _POLICY})
 
 

@@ -1,5 +1,6 @@
 """The pages' own scripts, styles and pictures. A browser keeps them until another version of the program serves it."""
 
+import gzip
 from collections.abc import Mapping
 from hashlib import sha256
 from importlib.resources import files
@@ -39,6 +40,7 @@ class PageFiles:
             name: (gateway or files("gateway")).joinpath(path).read_bytes() for name, (path, _) in _FILES.items()
         }
         self._version = sha256(b"\0".join(self._bodies.values())).hexdigest()[:16]
+        self._packed = {name: gzip.compress(body) for name, body in self._bodies.items()}
 
     @property
     def folder(self) -> str:
@@ -50,5 +52,9 @@ class PageFiles:
         name = request.path_params["name"]
         if name not in self._bodies:
             return PlainTextResponse("There is no such file.", 404)
-        headers = _KEPT if request.path_params["version"] == self._version else None
-        return Response(self._bodies[name], media_type=_FILES[name][1], headers=headers)
+        headers = {"vary": "accept-encoding"}
+        if request.path_params["version"] == self._version:
+            headers |= _KEPT
+        if "gzip" not in request.headers.get("accept-encoding", ""):
+            return Response(self._bodies[name], media_type=_FILES[name][1], headers=headers)
+        return Response(self._packed[name], media_type=_FILES[name][1], headers=headers | {"content-encoding": "gzip"})

@@ -12,8 +12,9 @@ from starlette.responses import PlainTextResponse, Response
 from drivers.base import SetupError
 from gateway.listeners.web.ahead import WARM_S, AheadError, ahead, ahead_along, planned_ahead
 from gateway.listeners.web.at_tool import ToolError
-from gateway.listeners.web.sentences import Atom, Sentence, ToldName, at, lasting, um
+from gateway.listeners.web.sentences import UNHEARD, Atom, Sentence, ToldName, at, lasting, um, why
 from gateway.listeners.web.verdict import Viewpoint, tool_now
+from gateway.listeners.web.week_pages import unanswered
 from gateway.telemetry.answers import ScenarioPage
 from gateway.telemetry.scenario_queries import USUAL_MIN, minutes_of
 from gateway.telemetry.subscriber.instants import instant
@@ -152,7 +153,7 @@ class ScenarioPages:
         if len(load) > _MOST_LETTERS or set(load) & set(";?#"):
             return PlainTextResponse("load: expected the name of a planned load", 400)
         if self._ask is None:
-            return PlainTextResponse("not connected", 503)
+            return unanswered(UNHEARD)
         try:
             async with self._asking:
                 page = await asyncio.to_thread(self._ask, name, load, minutes)
@@ -160,5 +161,5 @@ class ScenarioPages:
                 seen = machines.get(name) or MachineSeen(name)
                 shown = shown_scenario(seen, page, viewpoint_of(seen), self._site.now_s())
         except (OSError, ValueError) as error:
-            return PlainTextResponse(str(error), 503)
+            return unanswered(why(error))
         return Response(_ENCODER.encode(shown), media_type="application/json")

@@ -22,6 +22,11 @@ _Weeks = TypeVar("_Weeks", ScatterWeeks, SensitivityWeeks)
 _ENCODER = msgspec.json.Encoder(enc_hook=json_text)
 
 
+def unanswered(reason: Atom) -> Response:
+    """Why a gateway has not answered, for a page that says it in its language."""
+    return Response(_ENCODER.encode(reason), 503, media_type="application/json")
+
+
 class WeekPages:
     """Answers with what is computed by week.
 

@@ -1,12 +1,12 @@
 // What the gateway has stored, and what this page has heard of each channel since it was opened.
 import { machine, query } from "./choice.js";
-import { word } from "./words.js";
+import { whyNot } from "./words.js";
 
 // from, to: UTC seconds; temperatures: whether they are asked for, too. Returns columns, or why there are none.
 export const fetchPast = async (from, to, temperatures = false) => {
   const answer = await fetch(`/past/${encodeURIComponent(machine)}?from=${from}&to=${to}&${query()}${temperatures ? "&temperatures=1" : ""}`).catch(() => null);
   if (answer && answer.ok) return { found: await answer.json(), why: "" };
-  return { found: null, why: answer ? await answer.text() : word("word.lost") };
+  return { found: null, why: await whyNot(answer) };
 };
 
 const EVERY_S = 10, MOST = 2880;

@@ -1,7 +1,7 @@
 // The next two hours: the largest error left, as it is and under loads; and what a load would do that somebody thinks of.
 import { machine, query } from "./choice.js";
 import { $, changed, drawn, make, put, say } from "./elements.js";
-import { amount, clock, time, word } from "./words.js";
+import { amount, clock, time, whyNot, word } from "./words.js";
 
 let latest = null, asked = null, tolerance = null;
 const WIDE = matchMedia("(min-width: 1200px) and (min-height: 640px)"), NARROW = matchMedia("(max-width: 760px)");
@@ -70,7 +70,7 @@ const ask = async () => {
     $("warm-said").replaceChildren(...say(asked.said));
   } else {
     asked = null;
-    put($("warm-said"), answer ? await answer.text() : word("word.lost"));
+    put($("warm-said"), await whyNot(answer));
   }
   show();
 };

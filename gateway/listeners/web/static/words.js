@@ -49,4 +49,6 @@ export const atom = (a) => {
   if ("t" in a) return time(a.t);
   return amount(a);
 };
+// Why a server's answer brings nothing. answer: null: there was none
+export const whyNot = async (answer) => answer === null ? word("word.lost") : answer.status === 503 ? atom(await answer.json()) : answer.text();
 export const sentence = ({ say, values }) => word(say).replace(/\{(\w+)\}/g, (_, name) => atom(values[name]));

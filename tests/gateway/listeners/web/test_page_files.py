@@ -34,6 +34,9 @@ def test_a_browser_keeps_each_file_of_this_version_and_no_page() -> None:
             answer = page.get(f"{entry.rpartition('/')[0]}/{other}")
             assert answer.headers["content-type"].startswith("text/javascript")
     assert page.get("/machine/mill").headers["cache-control"] == "no-store"
+    plain, packed = (page.get(entry, headers={"accept-encoding": accepted}) for accepted in ("identity", "br, gzip"))
+    assert (plain.headers.get("content-encoding"), packed.headers["content-encoding"]) == (None, "gzip")
+    assert plain.content == packed.content == (SCRIPTS[0].parent / "page.js").read_bytes()
 
 
 def test_under_another_version_a_file_is_todays_and_is_not_kept() -> None:
