@@ -74,8 +74,10 @@ def sweep_unit(bus: ModbusBus, unit: int, most: int, where: str, draft: Draft) -
             continue
         guesses.append(found)
         then, now = seen.numbers(found.form), after[function].numbers(found.form)
+        most_moved = max(found.addresses, key=lambda address: abs(now[address] - then[address]))
         for address in found.addresses:
-            mark = "  changed" if set(range(address, address + found.form.registers)) & set(moved) else ""
+            moves = set(range(address, address + found.form.registers)) & set(moved)
+            mark = "" if not moves else "  changed most" if address == most_moved else "  changed"
             click.echo(f"function {function}, address {address}: {_form_text(found)}: "
                        f"{then[address] * found.scale:g}, then {now[address] * found.scale:g}{mark}")  # fmt: skip
     if draft.file is not None and guesses:

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from drivers.base import DriverError, NoAnswer, Refused
+from drivers.base import BadAnswer, DriverError, NoAnswer, Refused
 from drivers.modbus.bus import ModbusBus
 from drivers.modbus.numbers import Block, NumberFormat
 from drivers.text import Text
@@ -12,9 +12,12 @@ from gateway.commissioning.scan.registers import ORDERS, Meaning, SeenWords
 
 TABLES: Final = (3, 4, 1, 2)
 """Holding registers, input registers, coils, discrete inputs."""
+_REGISTERS: Final = (3, 4)
 _CHUNK: Final = {1: 1000, 2: 1000, 3: 120, 4: 120}
 _FINE: Final = 8
 """Addresses of a refused range that are asked together."""
+_MOST_MISSED: Final = 20
+"""Requests without an answer, of a unit that has answered others: each takes twice the bus's timeout."""
 _FORMS: Final = (
     *((NumberFormat("float32", byte, word), 1.0) for word, byte in ORDERS),
     *((NumberFormat("int16", byte), scale) for byte in ("big", "little") for scale in (0.1, 0.01, 1.0)),
@@ -49,60 +52,77 @@ class Guess:
 
 async def swept(bus: ModbusBus, unit: int, most: int, tables: Sequence[int] = TABLES) -> Mapping[int, SeenWords]:
     """What each table holds below this address, one request after the other, reads only; tables that refuse everything
-    are left out.
+    are left out, and so is what is asked for twice without an answer.
 
     Raises DriverError when the unit does not answer.
     """
-    found: dict[int, SeenWords] = {}
+    sweep, found = _Sweep(bus, unit), dict[int, SeenWords]()
     for function in tables:
         seen = SeenWords(function)
         for start in range(0, most, _CHUNK[function]):
-            if not await _chunk(bus, unit, Block(function, start, min(_CHUNK[function], most - start)), seen):
+            if not await sweep.chunk(Block(function, start, min(_CHUNK[function], most - start)), seen):
                 break
         if seen.words:
             found[function] = seen
     return found
 
 
-async def _chunk(bus: ModbusBus, unit: int, block: Block, seen: SeenWords) -> bool:
-    """Add what the block holds; False if the unit does not know the function."""
-    if await _read(bus, unit, block, seen):
+class _Sweep:
+    def __init__(self, bus: ModbusBus, unit: int) -> None:
+        self._bus, self._unit = bus, unit
+        self._answered, self._missed = False, 0
+
+    async def chunk(self, block: Block, seen: SeenWords) -> bool:
+        """Add what the block holds; False if the unit does not know the function."""
+        if await self._read(block, seen):
+            return True
+        if block.address == 0 and not await self._knows(block.function):
+            return False
+        registers = block.function in _REGISTERS
+        for start in range(block.address, block.address + block.count, _FINE):
+            fine = Block(block.function, start, min(_FINE, block.address + block.count - start))
+            if await self._read(fine, seen):
+                continue
+            singles = range(start, start + (fine.count if registers else 1))  # of bits only a sample
+            for address in singles:
+                await self._read(Block(block.function, address, 1), seen)
         return True
-    if block.address == 0 and not await _knows(bus, unit, block.function):
-        return False
-    registers = block.function in (3, 4)
-    for start in range(block.address, block.address + block.count, _FINE):
-        fine = Block(block.function, start, min(_FINE, block.address + block.count - start))
-        if await _read(bus, unit, fine, seen):
-            continue
-        singles = range(start, start + (fine.count if registers else 1))  # of bits only a sample
-        for address in singles:
-            await _read(bus, unit, Block(block.function, address, 1), seen)
-    return True
 
-
-async def _knows(bus: ModbusBus, unit: int, function: int) -> bool:
-    try:
-        await bus.read("", unit, Block(function, 0, 1))
-    except Refused as error:
-        return not (isinstance(error.reason, Text) and error.reason.says("modbus_illegal_function"))
-    except NoAnswer:
-        return False
-    return True
-
-
-async def _read(bus: ModbusBus, unit: int, block: Block, seen: SeenWords) -> bool:
-    try:
-        words = await bus.read("", unit, block)
-    except Refused:
-        return False
-    except DriverError:  # disturbed or lost: once more
+    async def _knows(self, function: int) -> bool:
         try:
-            words = await bus.read("", unit, block, again=True)
+            await self._asked(Block(function, 0, 1))
+        except Refused as error:
+            return not (isinstance(error.reason, Text) and error.reason.says("modbus_illegal_function"))
+        except NoAnswer:
+            return False
+        return True
+
+    async def _read(self, block: Block, seen: SeenWords) -> bool:
+        """Add the block's words, if it has an answer."""
+        try:
+            words = await self._asked(block)
         except Refused:
             return False
-    seen.words.update(zip(range(block.address, block.address + block.count), words, strict=True))
-    return True
+        except DriverError:
+            self._missed += 1
+            if self._missed > (_MOST_MISSED if self._answered else len(_REGISTERS)):
+                raise
+            return False
+        seen.words.update(zip(range(block.address, block.address + block.count), words, strict=True))
+        return True
+
+    async def _asked(self, block: Block) -> Sequence[int]:
+        """Twice if an answer is disturbed or lost."""
+        try:
+            try:
+                words = await self._bus.read("", self._unit, block)
+            except (BadAnswer, NoAnswer):
+                words = await self._bus.read("", self._unit, block, again=True)
+        except Refused:
+            self._answered = True
+            raise
+        self._answered = True
+        return words
 
 
 def changed(before: SeenWords, after: SeenWords) -> list[int]:

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
+from drivers.base import NoAnswer
 from drivers.modbus.bus import ModbusTcpBus
 from drivers.modbus.settings import ModbusTcpSettings
 from gateway.cli.main import main
@@ -108,3 +109,26 @@ async def test_an_empty_address_costs_about_one_request_and_nothing_is_written()
     assert set(found) == {3}
     assert set(module.asked) <= {1, 2, 3, 4}
     assert len(module.asked) < 1500, "in four tables of 500"
+
+
+async def test_what_is_not_answered_is_left_out_and_a_unit_that_is_not_there_is_told() -> None:
+    module = Module(3, "h", 0.1, False)
+    asked = iter(range(10_000))
+
+    class Silent:
+        """To the twelfth request, which is for an empty block, and when that is repeated."""
+
+        silent = property(lambda _: next(asked) in (11, 12))
+        memory = staticmethod(module.memory)
+
+    host = TcpHost({7: Silent()})
+    port = await host.start()
+    bus = ModbusTcpBus("sweep", ModbusTcpSettings(host="127.0.0.1", port=port, timeout_s=5.0))
+    await bus.connect()
+    try:
+        assert len((await swept(bus, 7, 500, (3,)))[3].words) == 7
+        with pytest.raises(NoAnswer):
+            await swept(bus, 8, 500)
+    finally:
+        await bus.close()
+        await host.stop()
