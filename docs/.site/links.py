@@ -1,6 +1,6 @@
 """A hook of MkDocs: links to files of the checkout that are not pages become their path, in words.
 
-A profile whose link is a paragraph of its own is shown as it is.
+A TOML file whose link is a paragraph of its own is shown as it is.
 """
 
 import re
@@ -8,7 +8,7 @@ from pathlib import Path
 
 _ROOT = Path(__file__).parents[2]
 _OUTSIDE = re.compile(r"\[([^\]]+)\]\((?:\.\./)+([^)]+)\)")
-_SHOWN = re.compile(r"^\[[^\]]+\]\((?:\.\./)+(examples/profiles/[\w.]+)\)$", re.MULTILINE)
+_SHOWN = re.compile(r"^\[[^\]]+\]\((?:\.\./)+(examples/\w+/\w+\.toml)\)$", re.MULTILINE)
 
 
 def on_page_markdown(markdown: str, **_: object) -> str:

@@ -54,7 +54,6 @@ def test_examples_of_the_documentation_are_right(tmp_path: Path) -> None:
     files = sorted(root.glob("examples/io-link/*.toml")) + sorted(root.glob("examples/profiles/*.toml"))
     text = "".join(f"```toml\n{file.read_text(encoding='utf-8')}```" for file in files)
     text += "".join((root / "docs" / name).read_text(encoding="utf-8") for name in ("own-profile.md", "wire-log.md"))
-    module = (root / "examples" / "profiles" / "module.toml").read_text(encoding="utf-8")
     dbc = 'VERSION ""\nBU_: L\nBO_ 768 Temperatures1: 8 L\n SG_ T1 : 0|16@1- (0.1,0) [-200|850] "degC" L\n'
     (tmp_path / "logger.dbc").write_text(dbc, encoding="ascii")
     path = tmp_path / "own.toml"
@@ -64,9 +63,7 @@ def test_examples_of_the_documentation_are_right(tmp_path: Path) -> None:
         if "[[at]]" in content:
             assert Scenario.parse(content).values(0.0)[0] == 21.0
             continue
-        if content.startswith(("[status]", "[type_code]")):  # instead of the module's
-            content = module[: module.index("[status]")] + content
-        elif content.startswith("[vendor."):
+        if content.startswith("[vendor."):
             content = (Path(__file__).parents[2] / "drivers" / "profiles" / "cia404.toml").read_text(
                 encoding="utf-8"
             ) + content
@@ -85,6 +82,8 @@ def test_examples_of_the_documentation_are_right(tmp_path: Path) -> None:
         "temperatures at an IO-Link master": 2,
         "Somebody's eight-input module": 8,
         "Somebody's energy meter": 11,
+        "Somebody's module with status bits": 8,
+        "Somebody's module with type codes": 8,
         "CANopen measuring device, CiA 404": 8,
     }
 

@@ -25,6 +25,7 @@ from gateway.config.problems import ConfigError
 ADAM = Place(
     "modbus_tcp", {"host": "10.0.0.9"}, (Found(1, Recognition("advantech_adam6015", (0, 1), "module name")),)
 )  # fmt: skip
+SHOWN = Path(__file__).parents[4] / "examples" / "init" / "answers.toml"
 GUESSED = {
     None: ["a name for each input"],
     "sinumerik": ["password", "the gateway's", "its key", "copied", "number of each", "machine coordinates", "a bit",
@@ -121,9 +122,7 @@ def test_without_a_device_the_answers_are_written_and_check_refuses_them_still(t
 
 def test_kept_answers_are_the_answers(tmp_path: Path) -> None:
     path = tmp_path / "answers.toml"
-    page = Path("docs/wiring.md").read_text(encoding="utf-8")
-    path.write_text(page.split("## A whole configuration")[1].split("```toml\n")[1].split("```")[0], encoding="utf-8")
-    answers = read_answers(path)
+    answers = read_answers(SHOWN)
     path.write_text(answers_text(answers), encoding="utf-8")
     assert read_answers(path) == answers
 
@@ -140,12 +139,8 @@ def test_answers_in_a_file_are_as_strict_as_a_configuration(tmp_path: Path) -> N
     assert told.count(str(path)) == 3
 
 
-def test_the_answers_that_the_page_shows_are_valid(tmp_path: Path) -> None:
-    page = Path("docs/wiring.md").read_text(encoding="utf-8")
-    shown = page.split("## A whole configuration")[1].split("```toml\n")[1].split("```")[0]
-    path = tmp_path / "answers.toml"
-    path.write_text(shown, encoding="utf-8")
-    answers = read_answers(path)
+def test_the_answers_that_the_page_shows_are_valid() -> None:
+    answers = read_answers(SHOWN)
     assert set(Answers.model_fields) == answers.model_fields_set
     assert answers.control is not None
     assert answers.control.kind == "sinumerik"
