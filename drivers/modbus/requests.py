@@ -126,7 +126,7 @@ class _Unit:
 
     def hears(self, request: Request, message: bytes, now_s: float) -> None:
         """This is its answer, or a copy of another one: then its own is still to come."""
-        if request.may_be_answered:
+        if request.may_be_answered and not message[0] & REFUSED:  # a refusal may be that of a later request
             self.copied_s = now_s
         request.may_be_answered = self._may_be_a_copy(request.block, message, now_s)
         self.recent.append(_Recent(request.block, message, now_s))
