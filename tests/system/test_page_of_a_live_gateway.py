@@ -61,6 +61,11 @@ def test_faults_orders_and_a_power_cut_of_a_gateway_that_runs(tmp_path: Path) ->
             tell(machine, "end a wire is broken")
             expect(in_doubt).to_have_count(0)
 
+            tell(machine, "begin the RTU adapter is pulled out")
+            expect(page.locator("#failed")).to_contain_text("rtu1")
+            tell(machine, "end the RTU adapter is pulled out")
+            expect(page.locator("#failed")).to_be_empty()
+
             tell(machine, "begin the control is off")
             expect(health).to_contain_text("does not answer")
             tell(machine, "end the control is off")

@@ -46,7 +46,7 @@ const orders = (notices) => {
 };
 const list = (rows, most) => {
   const found = make("dl");
-  if (most) found.append(make("dt", word("moves.most")), make("dd", most));
+  if (most) found.append(make("dt", word("moves.most"), "most-moved"), make("dd", most, "most-moved"));
   found.append(...rows.flatMap((row) => [make("dt", word(row.label)), make("dd", sentence(row.said))]));
   return found;
 };

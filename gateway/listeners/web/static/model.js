@@ -53,7 +53,7 @@ const MIDDLE = { bed: [0, -30, -330], column: [0, 340, 200], slides: [0, 180, 30
 const SIDE = [[["left", "x"], ["right"]], [["front", "lower", "y"], ["rear", "back"]], [["bottom", "low", "nut"], ["top", "high", "motor", "drive"]]];
 const WIDE = [84, 276, 8, 222];
 const COLD = 18, HOT = 32;
-export const FACTORS = [5000, 2000, 1000, 500, 200, 100, 50, 20];
+const FACTORS = [5000, 2000, 1000, 500, 200, 100, 50, 20];
 const MOST = 70;
 
 // errors: of the machine, µm and µm/m; factor: how much larger they are drawn; unit: of the drawing, per mm

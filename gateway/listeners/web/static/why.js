@@ -21,7 +21,7 @@ const OWN = [REST, LEVEL, SINCE], KINDS = { [REST]: "rest", [LEVEL]: "level", [S
 // The largest first, and then what is no input.
 const ranked = (parts) => [...parts].sort((a, b) => OWN.includes(a.key) - OWN.includes(b.key) || Math.abs(b.n) - Math.abs(a.n));
 // rows: [{ name, note, unit, total, parts: [{ key, n, part }], said }]; all on one scale for each unit. said: instead of parts
-export const stacks = (rows) => {
+const stacks = (rows) => {
   const by = latest ? means(latest.channels) : {}, ends = {};
   for (const { unit, parts } of rows) {
     const [low, high] = ends[unit] ?? [0, 0], sum = (sign) => parts.filter((p) => p.n * sign > 0).reduce((all, p) => all + p.n, 0);

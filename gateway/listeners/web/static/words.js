@@ -4,10 +4,6 @@ const texts = JSON.parse(document.getElementById("texts").textContent, (_, text)
 
 const has = (key) => Object.hasOwn(texts, key);
 export const word = (key) => has(key) ? texts[key] : key.replace(/^[a-z]+\./, "").replaceAll("_", " ");
-// The key of the longest text of a group.
-export const longestKey = (group) => Object.keys(texts).filter((key) => key.startsWith(group + "."))
-  .reduce((a, b) => (word(b).length > word(a).length ? b : a));
-export const longest = (group) => word(longestKey(group));
 export const clock = new Intl.DateTimeFormat(undefined, { hour: "2-digit", minute: "2-digit" });
 export const day = new Intl.DateTimeFormat(undefined, { weekday: "short", day: "numeric", month: "short", hour: "2-digit", minute: "2-digit" });
 // For the hour that occurs twice when clocks are put back.
