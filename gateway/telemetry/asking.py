@@ -12,7 +12,7 @@ from gateway.model.codes import NoticeCode
 from gateway.model.commands import CommandName
 from gateway.model.text import Text, text_of
 from gateway.telemetry import keys
-from gateway.telemetry.answers import CommandAnswer, CommandTerms
+from gateway.telemetry.answers import CommandAnswer, CommandTerms, QueryRefused
 from gateway.telemetry.codec import decode_answer, decode_refusal
 from gateway.telemetry.command_signer import CommandSigner
 
@@ -87,7 +87,7 @@ def ask_only(sessions: Sequence[zenoh.Session], selector: str, answer: type[_Ans
     for sample in found.values():
         return decode_answer(answer, sample.payload.to_bytes())
     if last is not None and last.err is not None:
-        raise QueryRefusal(decode_refusal(last.err.payload.to_bytes()))
+        raise _error(last.err.payload.to_bytes(), limit_s)
     raise Unanswered(limit_s)
 
 
@@ -113,5 +113,14 @@ def _first(
         if reply.ok is not None:
             return reply.ok
         if reply.err is not None:
-            raise QueryRefusal(decode_refusal(reply.err.payload.to_bytes()))
+            raise _error(reply.err.payload.to_bytes(), limit_s)
     raise Unanswered(limit_s)
+
+
+def _error(payload: bytes, limit_s: float) -> OSError:
+    """A gateway's refusal; what is none is Zenoh's `Timeout`, for a gateway that is there and has not answered."""
+    try:
+        decode_answer(QueryRefused, payload)
+    except ValueError:
+        return Unanswered(limit_s)
+    return QueryRefusal(decode_refusal(payload))

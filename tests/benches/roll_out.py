@@ -168,8 +168,9 @@ def tries(site: Site, version: str, root: Path, folder: Path) -> Iterator[TriedU
         yield TriedUnit(
             "the same once more changes nothing", all(again[name]["changed"] == 0 for name in PRESENT), str(again)
         )
-        site.part("shared", SHARED + "[grid]\nstep_s = 20.0\n")
+        site.part("kind-mill", KIND + "[grid]\nstep_s = 20.0\n")
         done = site.roll_out(NEXT, leaders, "--limit", "mill1")
+        site.part("kind-mill", KIND)
         now = well(guests["mill1"])
         same = now == before["mill1"] and "back at" in done.stdout
         yield TriedUnit(

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+import zenoh
 from click.testing import CliRunner
 from pyarrow import dataset
 
@@ -21,6 +22,8 @@ from gateway.listeners.collect.folder import SiteFolder
 from gateway.listeners.collect.network import SiteNetwork
 from gateway.service.stored_answers import rows_of
 from gateway.storage.store import Store
+from gateway.telemetry.answers import StoredRows
+from gateway.telemetry.codec import encode
 from tests.benches.free_port import free_port
 from tests.benches.open_publisher import OpenPublisher
 from tests.benches.plant_authority import PlantAuthority
@@ -28,6 +31,7 @@ from tests.benches.postgres import postgres
 from tests.benches.stepped_clock import SteppedClock
 from tests.benches.stored_site import step
 from tests.benches.waits import until, wait_until
+from tests.benches.zenoh_sessions import listening
 
 PAGE = (Path(__file__).parents[4] / "docs" / "site.md").read_text(encoding="utf-8")
 LIMIT_S = 120.0
@@ -92,6 +96,31 @@ def do_two_answer(network: SiteNetwork) -> bool:
         return False
     assert said.startswith("no answer within") or "2 gateways answer under this name" in said
     return "2 gateways" in said
+
+
+def test_tables_that_a_gateway_was_too_slow_to_give_are_asked_for_again(tmp_path: Path) -> None:
+    """Zenoh answers in its place, with an error that is no refusal."""
+    port, held, asked = free_port(), list[zenoh.Query](), list[str]()
+
+    def take(query: zenoh.Query) -> None:
+        asked.append(str(query.parameters))
+        if "steps" in str(query.parameters):
+            held.append(query)
+        else:
+            query.reply(query.key_expr, encode(StoredRows({})))
+
+    telemetry = Telemetry(listen=(), connect=(here(port),))
+    with listening(port) as session, SiteNetwork(telemetry, 0.5) as site, SiteFolder(tmp_path / "site") as kept:
+        declared = session.declare_queryable("talc/mill/stored", take)
+        token = session.liveliness().declare_token("talc/mill/alive")
+        wait_until(lambda: site.running() == ["mill"])
+        collector = Collector(site, kept, every_s=0.5)
+        for turn in range(2):
+            collector.turn(float(turn))
+            assert collector.machines["mill"].problem
+        token.undeclare()
+        declared.undeclare()
+    assert [each for each in asked if "steps" not in each] == []
 
 
 async def test_rows_of_two_gateways_of_one_name_are_not_mixed_and_come_when_one_has_another(tmp_path: Path) -> None:
