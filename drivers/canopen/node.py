@@ -20,6 +20,7 @@ from drivers.text import Text
 PRODUCER_TIME = 0x1017
 _PRODUCER_TIMES = 3
 """Heartbeats or timed TPDOs in a row until a node counts as lost: a busy bus may drop one, but not three."""
+_DEVICE_TYPE = CanObject(0x1000, 0)
 _SERIAL_NUMBER = CanObject(0x1018, 4)
 _DOUBLED_S = 10.0
 """How long two nodes with one id are remembered after both were last heard."""
@@ -180,14 +181,14 @@ class NodeReader:
 
     async def _ask_early_ones(self) -> None:
         """A TPDO that comes sooner than its timer sends it may be sent on an event, or by a second node with this id:
-        both nodes answer when they are asked for what is in it, the second one while the object is asked for again."""
+        both nodes answer when they are asked for what is in it, the second one while something else is asked for."""
         early = [m for m in self._maps if self._bus.early_s([m.identifier]) > self._asked_early_s]
         now_s = monotonic()
         if not early or now_s - self._asked_early_s < _DOUBLED_S / 2:
             return
         self._asked_early_s = now_s
         objects = [place for pdo in early for place in self._wanted if place in pdo.places]
-        await self._bus.upload_each(self._device, self._node, [place for place in objects for _ in range(2)])
+        await self._bus.upload_each(self._device, self._node, [*objects, _DEVICE_TYPE])
 
     async def _heartbeat_limit_s(self) -> tuple[float, float]:
         """Consumer time, s, 0 if no heartbeat is expected, and the time that the node states.
