@@ -17,7 +17,7 @@ from gateway.config.metrics import metrics_problems
 from gateway.config.model import GatewayConfig
 from gateway.config.polled import BusSection
 from gateway.config.prior import PriorError, prior_for
-from gateway.config.problems import ConfigError, Problem, suggestion
+from gateway.config.problems import ConfigError, Problem, shown, suggestion
 from gateway.config.telemetry_rules import telemetry_cautions, telemetry_problems
 from gateway.model.codes import NoticeCode
 from gateway.model.text import Text, text_of
@@ -75,6 +75,7 @@ def problems_between(config: GatewayConfig) -> list[Problem]:
         *_asked_of_the_control(config),
         *_control(config),
         *_poses(config),
+        *_storage(config),
         *_watchdog(config),
         *_devices(config),
         *_nc(config),
@@ -331,6 +332,11 @@ def _poses(config: GatewayConfig) -> Iterator[Problem]:
         check_poses(poses, probing.sphere_radius_mm * 1e-3, probing.sphere_height_mm * 1e-3)
     except ValueError as error:
         yield Problem("[probing] poses_deg", str(error))
+
+
+def _storage(config: GatewayConfig) -> Iterator[Problem]:
+    if (path := config.storage.path).is_dir():
+        yield Problem("[storage] path", Text("path_no_file", value=shown(str(path))))
 
 
 def _devices(config: GatewayConfig) -> Iterator[Problem]:

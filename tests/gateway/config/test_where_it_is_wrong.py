@@ -105,6 +105,7 @@ SCHEMA = [
     (END, f"{END}[grid]\nstep_s = nan  # here\n", "[grid]", "step_s", None),
     (END, "grid = 300  # here\n", "[nc]", "grid", 300),
     (END, f"{END}[storage]\npath = 5  # here\n", "[storage]", "path", 5),
+    (END, f"{END}[storage]\npath = \"..\"  # here\n", "[storage]", "path", ".."),
     (END, f"{END}[telemetry]\nlisten = \"tcp/a:7447\"  # here\n", "[telemetry]", "listen", "tcp/a:7447"),
     (END, f"{END}[telemetry]\nlisten = [\"127.0.0.1:7447\"]  # here\n", "[telemetry]", "listen[0]", "127.0.0.1:7447"),
     (END, f"{END}[telemetry]\nlisten = [\"tcp/127.0.0.300:7447\"]  # here\n", "[telemetry]", "listen[0]",
