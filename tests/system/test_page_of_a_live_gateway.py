@@ -62,7 +62,8 @@ def test_faults_orders_and_a_power_cut_of_a_gateway_that_runs(tmp_path: Path) ->
             expect(in_doubt).to_have_count(0)
 
             tell(machine, "begin the RTU adapter is pulled out")
-            expect(page.locator("#failed")).to_contain_text("rtu1")
+            for where in ("#failed", "#notices"):
+                expect(page.locator(where)).to_contain_text("rtu1")
             tell(machine, "end the RTU adapter is pulled out")
             expect(page.locator("#failed")).to_be_empty()
 

@@ -79,9 +79,10 @@ export const showMachine = (v) => {
   const most = v.alive ? mostMoved() : null;
   const next = v.alive ? v.waits.filter((row) => NEXT.includes(row.label)) : [];
   draw("todo", verdict.because, () => say(verdict.because.filter((each) => each.say.startsWith("do.")), "afar"));
-  draw("helps", [v.notices, verdict.helps, next, most], () => {
+  const look = verdict.failed?.values.first ? [{ ...verdict.failed, say: "do.look" }] : [];
+  draw("helps", [v.notices, look, verdict.helps, next, most], () => {
     const said = (far) => verdict.helps.filter((help) => AFAR.test(help.say) === far).map((help) => make("p", sentence(help), far ? "afar" : undefined));
-    return [orders(v.notices), ...said(true), list(next, most), ...said(false)];
+    return [orders([...v.notices, ...look]), ...said(true), list(next, most), ...said(false)];
   });
   showBars(v.axes, v.tolerance_um);
   keepTolerance(v.tolerance_um);
