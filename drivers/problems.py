@@ -20,6 +20,7 @@ _MOST_HOMES = 3
 _MOST_TOLD = 100
 _LONGEST_NAME = 100
 _CLOSE, _CLOSE_KIND = 0.75, 0.8
+_SHORT = 2
 _TABLES = ("model_type", "model_attributes_type", "dataclass_type", "dict_type")
 M = TypeVar("M", bound=BaseModel)
 
@@ -96,8 +97,9 @@ def suggestion(wrong: str, right: Iterable[str], close: float = 0.6) -> str:
         return Text("mean_one_of", names=" or ".join(repr(name) for name in within))
     if begun:
         return Text("mean", name=begun[0])
+    cutoff = close if len(wrong) > _SHORT else _CLOSE_KIND
     alike = {name.lower().replace("-", "_"): name for name in names}
-    if found := get_close_matches(wrong[:_LONGEST_NAME].lower().replace("-", "_"), alike, n=1, cutoff=close):
+    if found := get_close_matches(wrong[:_LONGEST_NAME].lower().replace("-", "_"), alike, n=1, cutoff=cutoff):
         return Text("mean", name=alike[found[0]])
     return Text("possible", names=", ".join(names)) if names else Text("none_possible")
 

@@ -119,7 +119,8 @@ def _serial_port(name: str, info: ValidationInfo) -> str:
     return name
 
 
-_NUMBERS = re.compile(r"\d+(?:[.,]\d+)+")
+_NUMBERS = re.compile(r"\d+(?:[.,]\d+)+|(?=(?:\w*\.){3}\w*$)(?:\d+\.)*[A-Za-z\d]{1,3}(?:\.\d+)*")
+"""Also four parts of which one is no number, such as 10.0.O.1."""
 
 
 def host_name(text: str) -> str:

@@ -55,7 +55,7 @@ _REMEDIES: Final = (
         rf"""^{_KEY}=\s*(?:""|true\b|false\b|[-+]?\d[\d_.:-]*+|\[[^\[\]{{}}]*\]|\{{[^\[\]{{}}]*\}})\s*[^\s,]""",
     ),
     ("toml_comma", r"^\s*[^=\[]+=\s*[\[{]|\n"),
-    ("toml_pair", r"^[^=\[]*$"),
+    ("toml_pair", r"^[^=\[]*$|=\s*="),
     ("toml_key", rf"^(?!{_KEY}=|\s*\[{{1,2}}{_KEY}\]{{1,2}}\s*$)"),
 )
 """Code of a remedy, and the lines that it is for, in which each text is `""`; the first that fits is likely. That of a
