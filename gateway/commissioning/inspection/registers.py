@@ -57,6 +57,7 @@ def inspect_registers(
 def sweep_unit(bus: ModbusBus, unit: int, most: int, where: str, draft: Draft) -> bool:
     """Read all tables, again once a sensor is warm, print what changed and how it is likely meant, and write the draft;
     False if nothing was read."""
+    click.echo(f"asks for the addresses below {most} in four tables; a serial line takes half a minute", err=True)
     before = asyncio.run(_swept(bus, unit, most))
     for function, seen in before.items():
         runs = ", ".join(f"{first}-{first + len(words) - 1}" for first, words in seen.runs())
