@@ -225,7 +225,7 @@ class Compensation(Section):
     """How long an input of a live model may be without a good value; meanwhile its last good value is used."""
     measurement_stale_after_s: Positive = 57600.0
     """How long an error without a model is corrected by its last measurement; after that the error is unknown, and
-    `when_stale` decides. By default twice the longest interval between measurements."""
+    `when_stale` decides. The default is four times the learner's longest interval."""
     when_stale: Literal["zero", "hold"] = "zero"
     """Without a usable prediction: ramp the offsets to zero, or hold the last ones."""
     frozen_after_s: Positive = 120.0
