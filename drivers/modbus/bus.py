@@ -36,6 +36,8 @@ from drivers.rests import Rests
 from drivers.tap import Tap
 from drivers.text import Text, Value
 
+_MOST_REOPENED = 2
+"""So often for one question, which may take two requests; the second time only if one was answered meanwhile."""
 _MOST_SENT = 2
 """How often a silent unit is sent one question before its late answer is waited for: more would slow it down."""
 _SHORTEST_S = 0.03
@@ -74,7 +76,7 @@ class ModbusBus(StreamBus, ABC):
     has_numbers = False
     """Whether an answer carries the number of its request."""
     reopens = False
-    """Whether a connection that the other side closed is opened again for the next request, and once more when it is
+    """Whether a connection that the other side closed is opened again for the next request, and again when it is
     closed while that is under way: some hosts close it after each answer, or when nobody asks for a while."""
 
     def __init__(self, name: str, settings: AskedSettings, stream: ByteStream, patience: Patience) -> None:
@@ -169,13 +171,16 @@ class ModbusBus(StreamBus, ABC):
             raise NotAsked(Text("modbus_no_time", unit=unit), hurried=True, bus=self._name, device=device)
         if self.reopens and self._wanted and not self._stream.is_open:
             await self._open()
-        try:
-            return await self._exchange(device, unit, block, again)
-        except ConnectError:
-            if not (self.reopens and self._wanted):
-                raise
-        await self._open()
-        return await self._exchange(device, unit, block, again=True)
+        opened_s = -inf
+        for _ in range(_MOST_REOPENED):
+            try:
+                return await self._exchange(device, unit, block, again)
+            except ConnectError:
+                if not (self.reopens and self._wanted) or self._rests.line_answered_s < opened_s:
+                    raise
+            await self._open()
+            opened_s, again = asyncio.get_running_loop().time(), True
+        return await self._exchange(device, unit, block, again)
 
     async def _exchange(self, device: str, unit: int, block: Block, again: bool) -> bytes:
         """The answer (function code and data), which may be a refusal; one that has come already, if it is repeated."""
