@@ -37,7 +37,9 @@ from drivers.tap import Tap
 from drivers.text import Text, Value
 
 _MOST_REOPENED = 2
-"""So often for one question, which may take two requests; the second time only if one was answered meanwhile."""
+"""So often for one question, which may take two requests."""
+_AT_ONCE_S = 0.01
+"""A host that closes a new connection so soon does not want it; one that does so later closes what is idle."""
 _MOST_SENT = 2
 """How often a silent unit is sent one question before its late answer is waited for: more would slow it down."""
 _SHORTEST_S = 0.03
@@ -176,7 +178,9 @@ class ModbusBus(StreamBus, ABC):
             try:
                 return await self._exchange(device, unit, block, again)
             except ConnectError:
-                if not (self.reopens and self._wanted) or self._rests.line_answered_s < opened_s:
+                lasted_s = asyncio.get_running_loop().time() - opened_s
+                at_once = lasted_s < _AT_ONCE_S and self._rests.line_answered_s < opened_s
+                if at_once or not (self.reopens and self._wanted):
                     raise
             await self._open()
             opened_s, again = asyncio.get_running_loop().time(), True
