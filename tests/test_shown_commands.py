@@ -30,6 +30,7 @@ def check_talc_gateway(words: list[str], folder: Path) -> None:
     command, rest, context = leaf(words)
     if isinstance(command, click.Group):
         return
+    rest = [word.removeprefix("/") for word in rest]  # below the folder, not on this computer
     for word in rest:
         if not word.startswith("-"):
             file = folder / word
