@@ -39,7 +39,7 @@ class CanOpenDevice:
         self._unmapped: Mapping[CanObject, DriverError] = {}
         """Why objects are not expected in TPDOs."""
         places = tuple(profile.objects[number].place for number in channels.values())
-        self._reader = NodeReader(bus, device, node, options, places, self._check, each=True)
+        self._reader = NodeReader(bus, device, node, options, places, self._check, each=True, identify=self._identify)
 
     async def connect(self) -> None:
         """Check the node's identity, objects, heartbeat and TPDOs. Raises WrongDevice, or the bus's errors."""
@@ -67,6 +67,15 @@ class CanOpenDevice:
 
     async def _check(self) -> None:
         """Identity, and which objects the node has. Raises WrongDevice, or why none of them can be read."""
+        await self._identify()
+        reader, profile = self._reader, self._profile
+        places = tuple(dict.fromkeys(profile.objects[number].place for number in self._channels.values()))
+        readable = await reader.upload_each(places)
+        self._unmapped = {} if self._by_sdo else dict(reader.lost)
+        reader.ask(places if self._by_sdo else list(readable))
+
+    async def _identify(self) -> None:
+        """Raises WrongDevice."""
         reader, profile = self._reader, self._profile
         for subindex, name, wanted in ((1, "vendor_id", profile.vendor_id), (2, "product_code", profile.product_code)):
             if wanted is None:
@@ -77,10 +86,6 @@ class CanOpenDevice:
                     Text("canopen_identity", node=self._node, name=name, found=found, wanted=wanted),
                     hint=Text("canopen_check_profile"),
                 )
-        places = tuple(dict.fromkeys(profile.objects[number].place for number in self._channels.values()))
-        readable = await reader.upload_each(places)
-        self._unmapped = {} if self._by_sdo else dict(reader.lost)
-        reader.ask(places if self._by_sdo else list(readable))
 
     def _value(self, number: int, data: bytes) -> float | Fault:
         entry, kind = self._profile.objects[number], self._profile.types[number]

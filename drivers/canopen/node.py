@@ -36,6 +36,7 @@ class NodeReader:
     each: whether an object that the node refuses or answers badly is left out, instead of failing the read
     check: raises WrongDevice if the node is not what the profile says; called before the first read, and again after a
         restart or a silence
+    identify: the part of `check` that is repeated where the node left one request unanswered and others not
     """
 
     def __init__(
@@ -48,8 +49,10 @@ class NodeReader:
         check: Callable[[], Awaitable[None]],
         *,
         each: bool = False,
+        identify: Callable[[], Awaitable[None]] | None = None,
     ) -> None:
         self._bus, self._device, self._node, self._check, self._each = bus, device, node, check, each
+        self._identify = identify or check
         self.lost: dict[CanObject, DriverError] = {}
         """Why objects were left out of the latest read."""
         self._came_s: dict[CanObject, float] = {}
@@ -59,6 +62,9 @@ class NodeReader:
         self._heartbeat_s, self._transfer = options.heartbeat_s, options.transfer
         self._heartbeat = HeartbeatWatch(bus.events(node))
         self._ready = False
+        self._missed = False
+        """Whether it left a request unanswered and others not: it is still set up, and identified before the next
+        read."""
         self._boots = 0
         self._maps: tuple[PdoMap, ...] = ()
         self._started_s = 0.0
@@ -162,9 +168,13 @@ class NodeReader:
         events = self._bus.events(self._node)
         if not self._ready or self._boots != events.boots:
             await self.connect()
+        elif self._missed:
+            await self._identify()
+        self._missed = False
         try:
             objects = await self._objects()
         except DriverError as error:
+            self._missed = error.heard
             if not (error.hurried or error.heard):
                 self._ready = False
             raise

@@ -146,7 +146,7 @@ async def test_an_agent_that_reports_no_values_is_refused(tmp_path: Path) -> Non
     async with device_at(tmp_path) as (agent, bus, _):
         agent.answers[""] = {"version": 3, "capabilities": ["shift"]}
         for _ in range(2):  # it is not left connected: an older agent would keep the writing client out
-            with pytest.raises(WrongDevice, match=r"bus nc1: the agent reports no values .*copy the files of deploy"):
+            with pytest.raises(WrongDevice, match=r"bus nc1: the agent reports no values .*linuxcnc"):
                 await bus.connect()
 
 
