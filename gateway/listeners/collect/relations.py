@@ -67,6 +67,8 @@ class SiteRelations:
         if not known:
             _create(connection, table, fitting, time)
             known = relation_columns(connection, table)
+        elif table not in self._columns:
+            _index(connection, table, known, time)
         missing = [name for name in fitting if name not in known][: max(0, _MOST_COLUMNS - len(known))]
         if missing:
             added = ", ".join(f"ADD COLUMN {quoted(name)} {fitting[name]}" for name in missing)
@@ -97,10 +99,17 @@ def _create(connection: "psycopg.Connection[Any]", table: str, types: dict[str, 
     if timescale:
         make = "SELECT create_hypertable(%s::regclass, %s::name, chunk_time_interval => %s::interval)"
         connection.execute(make, (place, time, _CHUNK))
-    if "channel" in types:  # one channel's course of one machine, the question of every dashboard
-        connection.execute(f'CREATE INDEX ON {place} (machine, "channel", {quoted(time)})'.encode())
+    _index(connection, table, types, time)
     if not timescale:
         connection.execute(f"CREATE INDEX ON {place} USING brin ({quoted(time)})".encode())
+
+
+def _index(connection: "psycopg.Connection[Any]", table: str, types: dict[str, str], time: str) -> None:
+    """For one channel's course of one machine, the question of every dashboard; also of a table of an older program."""
+    if "channel" in types:
+        name = quoted(f"{table}_{_MACHINE}_channel_{time}_idx")  # PostgreSQL's own name of it
+        create = f'CREATE INDEX IF NOT EXISTS {name} ON talc.{quoted(table)} ({_MACHINE}, "channel", {quoted(time)})'
+        connection.execute(create.encode())
 
 
 def _insert(table: str, own: Sequence[str], types: dict[str, str]) -> str:

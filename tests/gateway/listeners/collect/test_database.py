@@ -295,6 +295,23 @@ def test_a_later_program_has_more_columns(server: Postgres, database: str, tmp_p
     assert (problem, [row.get('a "new" 100%') for row in rows]) == ("", [None, None, 5])
 
 
+def test_a_channel_s_course_has_an_index_also_in_a_table_of_an_older_program(
+    server: Postgres, database: str, stored_site: StoredSite
+) -> None:
+    index = "readings_machine_channel_time_idx"
+
+    def indexes() -> set[str]:
+        found = server.query(database, "SELECT indexname FROM pg_indexes WHERE schemaname = 'talc'")
+        return {row["indexname"] for row in found}
+
+    for k in range(2):
+        write(stored_site, "mill", range(3 * k, 3 * k + 3))
+        with kept_in(server.url(database)) as kept:
+            catch_up(collector(stored_site, kept))
+        assert index in indexes()
+        server.query(database, f"DROP INDEX talc.{index}")
+
+
 def test_a_zero_byte_in_a_text_does_not_stop_a_machine(server: Postgres, database: str, tmp_path: Path) -> None:
     rows, problem = told(server, database, tmp_path, table(StoredColumn("text", "text", [0, None], ("a\0b",))))
     assert (problem, [row.get("text") for row in rows]) == ("", ["a\ufffdb", None])

@@ -141,3 +141,4 @@ def test_home_assistant_finds_a_channel_with_its_unit_and_when_to_believe_it(tmp
     assert [each["topic"] for each in channel["availability"]] == ["talc/mill/alive", "talc/_outlet/plant"]
     assert found["homeassistant/sensor/talc_mill/EA0C_corrected/config"]["unit_of_measurement"] == "µm/m"
     assert len({each["unique_id"] for each in found.values()}) == 11
+    assert {each["origin"]["name"] for each in found.values()} == {"talc-gateway"}, "discovery without it is refused"
