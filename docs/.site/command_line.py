@@ -14,7 +14,7 @@ from gateway.cli.main import main
 _HEAD = """\
 # Every command
 
-What `--help` says of each command of `talc-gateway`. Exit codes: 0 success; 1 a comparison found a difference; 2 the
+What `--help` says of each command of `talc-gateway`. Exit codes: 0 success; 1 a check failed, or a fault of the program; 2 the
 configuration or the command line is invalid; 3 a fault outside the program.
 """
 

@@ -82,7 +82,7 @@ class Paths(Section):
     """Number of the tool in the spindle."""
     tool_length: NodePathOrNone = ""
     """Length of the tool in use along Z, mm, such as `/Channel/State/actToolLength1[u1]`. Empty: not read. With route
-    `errors` the program on the control reads it itself then; with the others every tool counts as one of the length
+    `errors` the program on the control reads it itself then; with the others every tool is taken to have the length
     with which `origin_mm` was found. Not for route `k0_slope`."""
     referenced: NumberedPathOrNone = "/Channel/MachineAxis/refPtStatus[u1,{n}]"
     """Whether X, Y, Z are referenced: an odd number when so. Empty: not read."""

@@ -24,7 +24,7 @@ EXIT_CONFIG = 2
 EXIT_WORLD = 3
 """A fault outside the program: a port in use, a device absent, an NC that refuses."""
 EXIT_DIFFERENT = 1
-"""A comparison found a difference."""
+"""A check failed: a replay that differs, a damaged database, a clause that an agent does not keep."""
 _GIVEN_WRONG = (ConfigError, MemoryBoundError, RecordingError, SetupError, WireLogError)
 _DATABASE = b"SQLite format 3\0"
 _LIBRARY_BYTES = 2**25

@@ -72,8 +72,8 @@ def main(verbose: int) -> None:
     """Keeps a five-axis machine tool accurate while its temperature changes.
 
     \b
-    Exit codes: 0 success; 1 a comparison found a difference; 2 the configuration or the command line is invalid;
-    3 a fault outside the program (port in use, device absent, NC refuses).
+    Exit codes: 0 success; 1 a check failed, or a fault of the program; 2 the configuration or the command line is
+    invalid; 3 a fault outside the program (port in use, device absent, NC refuses).
     \b
     Messages name pages such as docs/wiring.md: the Debian package has them in /usr/share/doc/talc-gateway.
     """

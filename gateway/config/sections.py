@@ -152,11 +152,11 @@ class Probing(Section):
     """The probing cycle: six poses of the rotary axes, one sphere."""
 
     armed: bool = False
-    """Whether the gateway may request cycles from the NC. False: nothing is written to it and nothing is learnt."""
+    """Whether the gateway may request cycles from the NC. False: no cycle is requested, and nothing is learnt."""
     dry_run: Literal["required", "not offered"] = "required"
     """`required`: no cycle is requested before `talc-gateway nc dry-run` has gone well with this control, these poses
-    and this sphere, or such a cycle has measured before. `not offered`: for a control that knows no dry runs; somebody
-    has driven its cycle by hand."""
+    and this sphere, or such a cycle has measured before. `not offered`: for a control without dry runs, whose cycle was
+    driven by hand."""
     poses_deg: tuple[tuple[_Angle, _Angle], ...] = Field(
         default=((0, 0), (0, 90), (0, 180), (0, 270), (90, 0), (-90, 0)), min_length=3, max_length=MOST_POSES
     )
