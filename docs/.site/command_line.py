@@ -14,8 +14,8 @@ from gateway.cli.main import main
 _HEAD = """\
 # Every command
 
-What `--help` says of each command of `talc-gateway`. Exit codes: 0 success; 1 a check failed, or a fault of the program; 2 the
-configuration or the command line is invalid; 3 a fault outside the program.
+What `--help` says of each command of `talc-gateway`. Exit codes: 0 success; 1 a check failed, or a fault of its own;
+2 the configuration or the command line is invalid; 3 a fault outside the program.
 """
 
 
