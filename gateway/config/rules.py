@@ -1,5 +1,6 @@
 """Checks across fields: duplicate names, shared addresses, references to missing sections, profiles and prior."""
 
+import os
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator
@@ -335,7 +336,8 @@ def _poses(config: GatewayConfig) -> Iterator[Problem]:
 
 
 def _storage(config: GatewayConfig) -> Iterator[Problem]:
-    if (path := config.storage.path).is_dir():
+    path = config.storage.path
+    if os.path.isdir(path):  # noqa: PTH112 - Path.is_dir raises for a program that may not look there, such as the page
         yield Problem("[storage] path", Text("path_no_file", value=shown(str(path))))
 
 
