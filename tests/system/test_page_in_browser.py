@@ -37,10 +37,10 @@ expect.set_options(timeout=LIMIT_MS)
 
 
 def picture(page: Page, name: str, *, whole: bool = False) -> None:
-    """A small file of what is seen, or of the whole page."""
+    """A small file of what is seen, or of the whole page; no two parts get one colour."""
     PICTURES.mkdir(parents=True, exist_ok=True)
     with Image.open(BytesIO(page.screenshot(full_page=whole))) as shown:
-        shown.quantize(128).save(PICTURES / f"{name}.png", optimize=True)
+        shown.quantize(256, dither=Image.Dither.NONE).save(PICTURES / f"{name}.png", optimize=True)
 
 
 def widest(page: Page) -> int:
@@ -240,6 +240,8 @@ def test_a_gateway_that_is_killed_looks_gone_and_one_that_comes_back_begins_agai
             expect(machines.locator("li .notice")).to_have_text(
                 "Not armed: nothing will be learnt: probing is not armed"
             )
+            with rig.page("/machine/lathe#time") as untold:  # nobody has told its tolerance
+                expect(untold.locator("#chart .u-over")).to_have_count(1)
             mill.kill()
             expect(page.locator("#word")).to_have_text("Gone")
             expect(page.locator("#because")).to_contain_text("Last message")
@@ -273,6 +275,7 @@ def test_nothing_old_looks_fresh(settings: Path) -> None:
             fresh = (page.locator("#notices p"), page.locator("#unarmed"))
             coming = page.locator("#strip .coming").first
             """The forecast in the hours ahead."""
+            moved, foreseen = page.locator("#now-why .share"), page.locator("#warm .line")
             page.fill("input[name=tolerance]", "3")
             page.keyboard.press("Enter")
             expect(page.locator("#helps p").first).to_be_attached()
@@ -282,7 +285,8 @@ def test_nothing_old_looks_fresh(settings: Path) -> None:
             expect(page.locator("#since")).not_to_be_empty()
             expect(machines.locator("li .notice")).to_have_count(2)
             expect(page.locator("#axes .bar").first).to_be_attached()
-            expect(coming).to_be_attached()
+            for each in (coming, moved.first, foreseen.first):
+                expect(each).to_be_attached()
 
             def expect_nothing_fresh(word: str) -> None:
                 expect(page.locator("#word")).to_have_text(word)
@@ -298,7 +302,11 @@ def test_nothing_old_looks_fresh(settings: Path) -> None:
                 expect(machines.locator("li")).not_to_contain_text("left at the tool")
                 expect(machines.locator("li .notice")).to_have_count(0)
                 assert page.evaluate("document.body.classList.contains('past')")
-                expect(coming).not_to_be_attached()
+                for each in (coming, moved, foreseen):
+                    expect(each).to_have_count(0)
+                expect(page.locator("#warm-empty")).to_have_text(texts("en")["scenario.no_forecast"])
+                for shown in ("#why-axes", "#moment-why", "#day-shown"):
+                    expect(page.locator(shown)).to_have_css("filter", "grayscale(1)")
 
             os.kill(rig.web.pid, signal.SIGSTOP)
             expect_nothing_fresh("No connection")

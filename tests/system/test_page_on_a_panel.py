@@ -27,6 +27,12 @@ _CAPITAL = """(element) => {
   return canvas.measureText("H").actualBoundingBoxAscent;
 }"""
 
+_CUT = """() => [["#word", "Width"], ["#because", "Height"], [".inside", "Height"]].filter(([name, of]) => {
+  const place = document.querySelector(name);
+  return place["scroll" + of] > place["client" + of];
+}).map(String)"""
+"""The parts whose texts do not fit."""
+
 expect.set_options(timeout=LIMIT_MS)
 
 
@@ -48,12 +54,16 @@ def test_the_verdict_its_reason_and_the_numbers_are_read_from_two_metres(setting
             assert minutes_of_arc(page.locator("#word").first) >= LEGIBLE
             assert minutes_of_arc(page.locator("#because p").first) >= 1.3 * ACUITY
             assert minutes_of_arc(page.locator("#axes .number").first) >= 1.3 * ACUITY
+            assert page.evaluate(_CUT) == []
+        gateway.say("reading/ambient_left " + json.dumps({"quality": "sensor_fault", "value": None}))
         for changes, verdict in (({"phase": "no_good"}, "word.not_ready"), ({"corrected": {}}, "word.unknown")):
             gateway.say("decision " + json.dumps({"phase": "compensation"} | changes))
             for language, page in pages.items():
                 expect(page.locator("#word")).to_have_text(texts(language)[verdict])
                 for seen in ("#word", "#because", "#helps p", "[data-of=half]"):
                     expect(page.locator(seen).first).to_be_in_viewport(ratio=1.0)
+                expect(page.locator("#failed")).not_to_be_empty()
+                assert page.evaluate(_CUT) == [], (language, verdict)
                 assert minutes_of_arc(page.locator("#helps p").first) >= 1.3 * ACUITY, "when it will be ready"
         for page in pages.values():
             usual = [minutes_of_arc(page.locator(each).first) for each in ("#word", "#because p", "#axes .number")]
@@ -62,5 +72,6 @@ def test_the_verdict_its_reason_and_the_numbers_are_read_from_two_metres(setting
             expect(page.locator("#axes .number").first).to_be_visible()
             for each, before in zip(("#word", "#because p", "#axes .number"), usual, strict=True):
                 assert minutes_of_arc(page.locator(each).first) > before, each
+            assert page.evaluate(_CUT) == []
             for seen in ("#word", "#because", "#axes article:last-child .number", "#sketch", "#helps p", "#strip"):
                 expect(page.locator(seen).first).to_be_in_viewport(ratio=1.0)

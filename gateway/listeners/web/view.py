@@ -206,8 +206,10 @@ class ShownCourse(ShownPast):
     ahead: list[list[float | None]]
     ahead_left: list[list[float | None]]
     ahead_half: list[list[float | None]]
+    ahead_left_half: list[list[float | None]]
+    """Of what is left: where the control follows, it is the estimate's uncertainty, and how far that has been off."""
     ahead_state: list[str]
-    """The verdict's colour up to each of them."""
+    """The verdict's colour at each of them."""
     said: Sentence | None
     """Why there is nothing to show."""
 
@@ -229,6 +231,7 @@ def shown_course(seen: MachineSeen, viewpoint: Viewpoint) -> ShownCourse:
             ahead=none,
             ahead_left=none,
             ahead_half=none,
+            ahead_left_half=none,
             ahead_state=[],
             said=Sentence("chart.nothing"),
         )
@@ -238,13 +241,14 @@ def shown_course(seen: MachineSeen, viewpoint: Viewpoint) -> ShownCourse:
     coming = ahead(seen, matrix) if seen.present else None
     state = [] if tolerance_um is None else [colour.value for colour in colours(seen, past, tolerance_um)]
     later: list[datetime] = []
-    values, left, halves = np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 3))
+    values, left, halves, left_halves = (np.empty((0, 3)) for _ in range(4))
     later_state: list[str] = []
     if coming is not None and (known := np.asarray(np.isfinite(coming.half).all(axis=1))).any():
         later = [seen.estimates[-1].at, *(time for time, told in zip(coming.at, known, strict=True) if told)]
         values = np.vstack([past.without[-1:], coming.without[known]])
         left = np.vstack([past.left[-1:], coming.left[known]])
         halves = np.vstack([past.half[-1:], coming.half[known]])
+        left_halves = np.vstack([past.half[-1:], (coming.high - np.abs(coming.left))[known]])
         if tolerance_um is not None:
             later_state = [
                 state[-1],
@@ -265,6 +269,7 @@ def shown_course(seen: MachineSeen, viewpoint: Viewpoint) -> ShownCourse:
         ahead=columns(values),
         ahead_left=columns(left),
         ahead_half=columns(halves),
+        ahead_left_half=columns(left_halves),
         ahead_state=later_state,
         said=None,
     )

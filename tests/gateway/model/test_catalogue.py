@@ -108,6 +108,13 @@ def test_a_decimal_point_is_that_of_the_language_and_words_are_translated() -> N
     assert texts("de")["quality.comm_fault"] in bad.in_language("de")
 
 
+@pytest.mark.parametrize("language", languages())
+def test_an_error_above_its_limit_is_said_with_what_to_do(language: str) -> None:
+    values, _, advice = template(EventCode.LIMIT_EXCEEDED, language).rpartition("}")
+    assert "{limit" in values
+    assert len(advice.split()) > 5, "more than the number's end"
+
+
 def test_a_text_is_the_same_after_it_was_stored_or_published() -> None:
     for code in CODES:
         text = Text(NoticeCode.PROBING_BLOCKED, reason=said(code))

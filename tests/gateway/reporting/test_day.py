@@ -57,6 +57,9 @@ def test_the_command_writes_the_page_of_a_day(tmp_path: Path) -> None:
     arguments = ["report", str(path), "--time-zone", "Europe/Zurich", "--day"]
     answer = CliRunner().invoke(main, [*arguments, "2026-03-09"], catch_exceptions=False)
     assert (answer.exit_code, answer.output.splitlines()[0]) == (0, "nothing is stored for 2026-03-09")
+    paper = path.with_suffix(".pdf")
+    CliRunner().invoke(main, [*arguments, str(DAY), "--pdf"], catch_exceptions=False)
+    assert paper.read_bytes().startswith(b"%PDF-")
     wrong = CliRunner().invoke(main, [*arguments, "yesterday"])
     assert wrong.exit_code == 2
     assert "--day" in wrong.output

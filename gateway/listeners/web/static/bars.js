@@ -70,15 +70,15 @@ const runs = (t, state) => {
 export const showStrip = (course, ahead) => {
   if (!course.t.length || !changed("strip", [course.t, course.state, course.measured_t, ahead && [course.ahead_t, course.ahead_state]])) return;
   const now = course.t.at(-1), at = (t) => 50 + 50 * (t - now) / SPAN_S, hour = (t) => clock.format(new Date(t * 1e3));
-  const past = runs(course.t, course.state).filter(([, , to]) => to > now - SPAN_S);
-  // A forecast's colour holds up to its time.
-  const t = ahead ? course.ahead_t : [];
-  const coming = t.length > 1 ? t.slice(1).map((to, i) => [course.ahead_state[i + 1], t[i], to]).reduce((all, each) => {
+  const past = (course.state.length ? runs(course.t, course.state) : []).filter(([, , to]) => to > now - SPAN_S);
+  // A colour turns half-way between two times of the forecast, and ends with it.
+  const states = course.ahead_state, t = ahead && states.length ? course.ahead_t : [], middle = (i) => (t[Math.max(i - 1, 0)] + t[Math.min(i, t.length - 1)]) / 2;
+  const coming = t.map((_, i) => [states[i], middle(i), middle(i + 1)]).reduce((all, each) => {
     if (all.length && all.at(-1)[0] === each[0]) all.at(-1)[2] = each[2]; else all.push(each);
     return all;
-  }, []) : [];
+  }, []);
   const label = (kind, t, text) => { const mark = piece(kind, at(t)); mark.textContent = text; return mark; };
-  const turn = coming.length > 1 ? coming[0][2] : null;
+  const turn = t.find((_, i) => states[i] !== states[0]);
   $("strip").replaceChildren(
     ...past.map(([colour, from, to]) => piece(`run ${colour}`, Math.max(at(from), 0), at(to))),
     ...coming.map(([colour, from, to]) => piece(`run coming ${colour}`, at(from), Math.min(at(to), 100))),

@@ -67,11 +67,11 @@ const off = new Set(), chosen = new Set();
 const TOOL = 14;
 const seen = (i) => !Object.entries(GROUPS).some(([name, own]) => off.has(name) && own.includes(i));
 const columns = () => {
-  const { t, without, left, half, measured_t, measured, ahead, ahead_left, ahead_half } = course, old = before(), i = axis;
+  const { t, without, left, half, measured_t, measured, ahead, ahead_left, ahead_half, ahead_left_half } = course, old = before(), i = axis;
   const edge = (values, halves, sign) => values.map((v, j) => v === null || halves[j] === null ? null : v + sign * halves[j]);
   const line = [...old.without[i], ...without[i]], wide = [...old.half[i], ...half[i]], rest = [...old.t.map(() => null), ...left[i]];
   const banded = (values, halves) => [edge(values, halves, -1), edge(values, halves, 1), values];
-  const later = forecast ? [...banded(ahead[i], ahead_half[i]), ...banded(ahead_left[i], ahead_half[i])] : [[], [], [], [], [], []];
+  const later = forecast ? [...banded(ahead[i], ahead_half[i]), ...banded(ahead_left[i], ahead_left_half[i])] : [[], [], [], [], [], []];
   const first = old.t[0] ?? t[0] ?? 0;
   const heard = [...chosen].map((channel) => {
     const [at, values] = trend(channel, heats), kept = at.flatMap((each, j) => each >= first ? [j] : []);
@@ -176,8 +176,8 @@ const draw = () => {
   if (chart) chart.destroy();
   chart = null;
   if (!visible || !course || !(course.t.length || past) || !place.clientWidth) return;
-  const style = getComputedStyle(document.documentElement), ink = (name) => style.getPropertyValue("--" + name).trim();
-  const base = { stroke: ink("soft"), ticks: { show: false }, font: "13px system-ui, sans-serif" }, grid = { stroke: ink("line"), width: 1 };
+  const style = getComputedStyle(document.documentElement), rem = (n) => Math.round(n * parseFloat(style.fontSize)), font = `${rem(0.85)}px system-ui, sans-serif`, ink = (name) => style.getPropertyValue("--" + name).trim();
+  const base = { stroke: ink("soft"), ticks: { show: false }, font }, grid = { stroke: ink("line"), width: 1 };
   const line = (colour, more) => ({ stroke: ink(colour), width: 2, points: { show: false }, spanGaps: true, ...more });
   const edge = { stroke: "transparent", width: 0, points: { show: false }, spanGaps: true };
   const loose = { ...edge, auto: false };  // what was foreseen may be anywhere: it does not make the rest small
@@ -190,10 +190,10 @@ const draw = () => {
     .map((each, i) => ({ ...each, label: String(i), show: i === 0 || seen(i) }));
   chart = new uPlot({
     width: place.clientWidth, height: place.clientHeight,
-    padding: [10, units.length ? 0 : 12, 0, 0],
-    axes: [{ ...base, grid, size: 30, space: 80, values: (_, all, __, ___, step) => all.map((v) => (step < 86400 ? clock : date).format(new Date(v * 1e3))) },
-      { ...base, grid, size: 52, space: 44, label: `${AXES[axis]}, µm`, labelSize: 20, labelFont: "13px system-ui, sans-serif", values: (_, all) => all.map((v) => amount({ n: v, d: v % 1 ? 1 : 0 })) },
-      ...units.slice(0, 2).map((each, i) => ({ ...base, grid: { show: false }, scale: "u" + i, side: 1, size: 52, space: 44, label: each, labelSize: 20, labelFont: "13px system-ui, sans-serif", values: (_, all) => all.map((v) => amount({ n: v, d: v % 1 ? 1 : 0 })) }))],
+    padding: [10, units.length ? 0 : 28, 0, 0],
+    axes: [{ ...base, grid, size: rem(1.9), space: rem(5), values: (_, all, __, ___, step) => all.map((v) => (step < 86400 ? clock : date).format(new Date(v * 1e3))) },
+      { ...base, grid, size: rem(3.25), space: 44, label: `${AXES[axis]}, µm`, labelSize: rem(1.3), labelFont: font, values: (_, all) => all.map((v) => amount({ n: v, d: v % 1 ? 1 : 0 })) },
+      ...units.slice(0, 2).map((each, i) => ({ ...base, grid: { show: false }, scale: "u" + i, side: 1, size: rem(3.25), space: 44, label: each, labelSize: rem(1.3), labelFont: font, values: (_, all) => all.map((v) => amount({ n: v, d: v % 1 ? 1 : 0 })) }))],
     scales: { y: { range: (_, min, max) => { const t = tolerance && tolerance < 3 * (max - min) ? 1.1 * tolerance : 0, low = Math.min(min, -t), high = Math.max(max, t), pad = Math.max((high - low) * 0.06, 1); return [low - pad, high + pad]; } }, ...Object.fromEntries(units.map((each, i) => ["u" + i, padded(0.5)])) },
     series,
     bands: [[2, 1, "band"], [5, 4, "left-band"], [9, 8, "band"], [12, 11, "left-band"]].map(([high, low, fill]) => ({ series: [high, low], fill: ink(fill) })),

@@ -32,7 +32,7 @@ const picture = (branches, width, height) => {
 const nameOf = (b) => b.load === "?" ? word("scenario.asked") : b.load || word("scenario.as_now");
 const show = () => {
   if (!latest) return;
-  const place = $("warm"), own = (latest.branches ?? []).filter((b) => !asked || b.load === "");
+  const place = $("warm"), own = (latest.alive ? latest.branches : []).filter((b) => !asked || b.load === "");
   const branches = asked?.branches.length ? asked.branches : own, { clientWidth: width, clientHeight: height } = place;
   $("warm-empty").classList.toggle("spare", branches.length > 0);
   if (!width || !changed("warm", [branches, tolerance, width, height, time(latest.gateway_time)])) return;
@@ -56,6 +56,7 @@ export const showWhen = (v) => {
   tolerance = v.tolerance_um;
   if (!v.alive) { asked = null; $("warm-said").replaceChildren(); }
   $("warm-ask").disabled = !v.alive;
+  put($("warm-empty"), word(v.alive ? "scenario.nothing" : "scenario.no_forecast"));
   offer(v.planned ?? []);
   show();
 };

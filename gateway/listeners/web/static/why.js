@@ -39,6 +39,7 @@ const stacks = (rows) => {
     let up = 0, down = 0;
     for (const p of [...parts].sort((a, b) => Math.abs(b.n) - Math.abs(a.n))) {
       const from = p.n > 0 ? up : down + p.n, to = from + Math.abs(p.n), shown = dressed(piece("share", at(from), at(to)), p);
+      if (to - from > 0.04 * wide * named(p.key).length) shown.append(make("b", named(p.key)));
       shown.title = `${named(p.key)} ${amount({ n: p.n, u: unit, d: 1, sign: true })}`;
       if (p.n > 0) up = to; else down = from;
       track.append(shown);
@@ -94,16 +95,17 @@ export const mostMoved = () => {
 const show = () => {
   if (!latest) return;
   const errors = moment === null ? errorsNow(latest) : then ?? [];
-  if (!changed("why", [moment, errors, latest.reach, axis, time(latest.gateway_time)])) return;
+  if (!changed("why", [moment, errors, latest.reach, axis, latest.alive, time(latest.gateway_time)])) return;
   const ofTool = (each) => each.length ? AXES.map((_, i) => axisRow(each, i)) : [], rows = ofTool(errors), none = () => [make("p", word("heat.no_reasons"), "empty")];
   $("why-axes").replaceChildren(...(rows.length ? stacks(rows) : none()));
-  $("now-why").replaceChildren(...stacks(ofTool(errorsNow(latest))));
+  $("now-why").replaceChildren(...(latest.alive ? stacks(ofTool(errorsNow(latest))) : [make("p", word("tool.nothing"), "empty")]));
   $("drives").replaceChildren(...stacks(errorRows(errors)));
   $("drives-empty").hidden = errors.length > 0;
   $("moment-why").replaceChildren(...(rows.length ? stacks([rows[AXES.indexOf(axis)]]) : none()));
   // Of a moment, the last reasons before it.
-  put($("why-moment"), moment === null || thenAt === null ? "" : time(thenAt));
-  const at = moment === null ? latest.reasons && time(latest.gateway_time) : thenAt && time(thenAt);
+  const told = moment !== null ? thenAt : latest.alive ? null : latest.reasons;
+  put($("why-moment"), told ? time(told) : "");
+  const at = moment === null && latest.alive ? latest.reasons && time(latest.gateway_time) : told && time(told);
   put($("moment-title"), word("moves.title") + (at ? ` · ${at}` : ""));
 };
 export const showWhy = (v) => {

@@ -205,12 +205,27 @@ def test_the_chart_goes_on_with_the_forecast_and_its_band() -> None:
     assert course.ahead[2] == course.ahead_left[2] == [30.0, 20.0, 8.0, 2.0], "advice takes back nothing"
     assert course.ahead_state == ["red", "red", "amber", "green"]
     assert shown_course(heard.seen, Viewpoint(MATRIX, None)).ahead_state == []
-    now, *later = (half for half in course.ahead_half[2])
+    assert course.ahead_left_half == course.ahead_half
+    now, *later = course.ahead_half[2]
     assert now is not None
     assert now < 1.0
     assert all(half is not None and half > 1.96 * 2.0 for half in later)
     heard.seen.disappear(heard.now)
     assert shown_course(heard.seen, WITHIN).ahead_t == []
+
+
+def test_the_band_of_what_is_left_reaches_as_far_as_the_verdict_ahead_where_the_control_follows() -> None:
+    heard = HeardMachine()
+    heard.compensation((0.0, 0.0, 30.0))
+    heard.decision(corrected={"EZ0A": 30.0})
+    heard.forecast({"EZ0A": (20.0, 8.0, 2.0)}, missed=2.0)
+    course = shown_course(heard.seen, WITHIN)
+    assert course.ahead_left[2] == [0.0] * 4
+    assert course.ahead_state == ["green", "amber", "amber", "amber"]
+    now, *later = course.ahead_left_half[2]
+    assert now == course.ahead_half[2][0]
+    assert all(half is not None and half > 10.0 for half in later), "beyond the tolerance"
+    assert all(half is not None and half < 10.0 for half in course.ahead_half[2])
 
 
 def under(after: Sequence[float] | None, *, now: float = 30.0, missed: float | None = 0.0) -> Sentence:

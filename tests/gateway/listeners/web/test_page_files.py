@@ -39,6 +39,17 @@ def test_a_browser_keeps_each_file_of_this_version_and_no_page() -> None:
     assert plain.content == packed.content == (SCRIPTS[0].parent / "page.js").read_bytes()
 
 
+def test_a_first_visit_takes_at_most_250_kB() -> None:
+    page = mill_page()
+    named = named_files(page)
+    folder = next(file for file in named if file.endswith("/page.js")).rpartition("/")[0]
+    sizes = {
+        file: int(page.get(file, headers={"accept-encoding": "gzip"}).headers["content-length"])
+        for file in {"/machine/mill", *named, *(f"{folder}/{script.name}" for script in SCRIPTS)}
+    }
+    assert sum(sizes.values()) <= 250_000, sizes
+
+
 def test_under_another_version_a_file_is_todays_and_is_not_kept() -> None:
     page = mill_page()
     now = next(file for file in named_files(page) if file.endswith("/page.css"))
