@@ -83,6 +83,8 @@ def ciede2000(one: FloatArray, other: FloatArray) -> float:
 STATES = ("red", "amber", "green", "grey")
 MARKS = ("bad", "note", "good")
 SERIES = ("before", "after", "measured")
+STACK = ("c1", "c2", "c3", "c4", "c6")
+"""The parts that moved the tool over the day, one upon the other."""
 TEXT_CONTRAST = 4.5
 """WCAG 2.2, 1.4.3 (AA)."""
 
@@ -121,7 +123,9 @@ def test_the_difference_is_that_of_its_published_table(
 @pytest.mark.parametrize("sight", SIGHTS)
 @pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
 @pytest.mark.parametrize(
-    ("names", "least"), [(STATES, 17.0), (MARKS, 13.0), (SERIES, 15.0)], ids=["states", "marks", "series"]
+    ("names", "least"),
+    [(STATES, 17.0), (MARKS, 13.0), (SERIES, 15.0), (STACK, 18.0)],
+    ids=["states", "marks", "series", "stack"],
 )
 def test_no_two_colours_are_alike_for_anybody(names: tuple[str, ...], least: float, dark: bool, sight: str) -> None:
     known = colours(dark)
