@@ -31,7 +31,7 @@ pictures: $(VENV)/.ready
 	$(BIN)/python -m benchmarks.error_figures $(PICTURES)
 	$(BIN)/talc-gateway demo --folder $(OUT)/demo $(DEMO)
 	cp $(OUT)/demo/report.png $(PICTURES)/demo.png
-	$(BIN)/python -m tests.benches.demo_picture $(OUT)/demo $(PICTURES)/page-demo.png
+	$(BIN)/python -m tests.benches.demo_picture $(OUT)/demo $(PICTURES)/page-demo.webp
 	PAGE_PICTURES=$(PICTURES) $(PYTEST) $(SHOTS)  # needs Debian's chromium, and npm
 
 # The documentation as a site, out/site, with the studies' pages; links and references that lead nowhere are errors.

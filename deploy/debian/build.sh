@@ -92,7 +92,7 @@ mkdir -p "$root/usr/lib/systemd/system" "$root/usr/share/doc/talc-gateway"
 cp -r deploy/systemd/. "$root/usr/lib/systemd/system/"
 cp LICENSE CHANGELOG.md README.md SECURITY.md "$root/usr/share/doc/talc-gateway/"
 # As in the source tree, so that the names in messages and the links between pages lead to them; pictures are left out.
-tar --exclude='*.png' --exclude='*.ipynb' --exclude=__pycache__ -c docs examples | tar -x -C "$root/usr/share/doc/talc-gateway"
+tar --exclude='*.png' --exclude='*.webp' --exclude='*.ipynb' --exclude=__pycache__ -c docs examples | tar -x -C "$root/usr/share/doc/talc-gateway"
 mkdir -p "$root$home/share"
 cp -r deploy/{ansible,grafana,nc,pi,prometheus,zenoh} "$root$home/share/"
 install -m 644 deploy/debian/gateway.toml "$root$home/share/gateway.toml"  # postinst copies it: no conffile, so no question
