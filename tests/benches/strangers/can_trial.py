@@ -3,7 +3,7 @@
 import asyncio
 import random
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from functools import cache
 from itertools import count, pairwise
@@ -23,6 +23,7 @@ from tests.benches.simulated_time import simulated_time
 from tests.benches.strangers.can_node import OBJECTS, CanNature, ForeignNode, age_s, drawn, told
 from tests.benches.strangers.driven_loop import DrivenLoop, run_driven
 from tests.benches.strangers.least_readings import FEW, READ, least_readings
+from tests.benches.strangers.nature import shown
 
 PERIODS = 40
 WITHIN = 20
@@ -201,14 +202,7 @@ def tried(seed: int) -> CanTrial:
     return trial
 
 
-def show(seed: int) -> Mapping[str, object]:
+def show(seed: int) -> dict[str, object]:
     """All of one seed, to look at."""
     trial = tried(seed)
-    return {
-        "nature": str(trial.nature),
-        "problems": list(trial.problems()),
-        "said": trial.said,
-        "notices": trial.notices,
-        "good": len(trial.good),
-        "plain": trial.plain,
-    }
+    return shown(trial, len(trial.good), trial.plain)

@@ -3,9 +3,11 @@
 import random
 import struct
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 from tests.benches.strangers.driven_loop import DrivenLoop, Line
+from tests.benches.strangers.nature import Told
+from tests.benches.strangers.nature import log_uniform as _log
 
 _HEADER = struct.Struct("<4sIIQIHHI")
 _ENDS = (0, 0xFFFFFF)
@@ -13,8 +15,10 @@ _NUMBERS = 2**32
 
 
 @dataclass(frozen=True)
-class MeNature:
+class MeNature(Told):
     """How it behaves; what is 0, none or empty does not occur. Times are seconds, shares 0 to 1."""
+
+    always = ("period_s", "timeout_s", "block_s")
 
     channels: int = 2
     period_s: float = 1.0
@@ -47,17 +51,6 @@ class MeNature:
     `low` or `high` (the last channel is at that end of its converter), `other` (another controller answers)."""
     burst_s: float = 0.0
     every_s: float = 30.0
-
-    def __str__(self) -> str:
-        return ", ".join(
-            f"{f.name} {value:.3g}" if isinstance(value, float) else f"{f.name} {value}"
-            for f in fields(self)
-            if (value := getattr(self, f.name)) != f.default or f.name in ("period_s", "timeout_s", "block_s")
-        )
-
-
-def _log(draw: random.Random, low: float, high: float) -> float:
-    return float(low * (high / low) ** draw.random())
 
 
 def _burst(*kinds: str) -> Callable[[random.Random], Mapping[str, object]]:

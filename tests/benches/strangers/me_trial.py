@@ -18,6 +18,7 @@ from tests.benches.buses import make_bus
 from tests.benches.strangers.driven_loop import DrivenLoop, LoopClock, run_driven
 from tests.benches.strangers.least_readings import FEW, IN_TIME, READ
 from tests.benches.strangers.me_host import ForeignController, MeNature, age_s, drawn, told
+from tests.benches.strangers.nature import shown
 
 PERIODS = 50
 WITHIN = 20
@@ -175,11 +176,4 @@ def tried(seed: int) -> MeTrial:
 def show(seed: int) -> dict[str, object]:
     """All of one seed, to look at."""
     trial = tried(seed)
-    return {
-        "nature": str(trial.nature),
-        "problems": list(trial.problems()),
-        "said": trial.said,
-        "notices": trial.notices,
-        "good": {c: len(v) for c, v in trial.good.items()},
-        "plain": len(trial.plain),
-    }
+    return shown(trial, {c: len(v) for c, v in trial.good.items()}, len(trial.plain))

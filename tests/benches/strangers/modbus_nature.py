@@ -2,11 +2,14 @@
 
 import random
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
+
+from tests.benches.strangers.nature import Told
+from tests.benches.strangers.nature import log_uniform as _log
 
 
 @dataclass(frozen=True)
-class Nature:
+class Nature(Told):
     """How it behaves; what is 0, none or empty does not occur. Times are seconds, shares 0 to 1."""
 
     wire: str = "tcp"
@@ -64,17 +67,6 @@ class Nature:
     noise: float = 0.0
     """Share of the answers with other bytes before them."""
     echoes: bool = False
-
-    def __str__(self) -> str:
-        return ", ".join(
-            f"{f.name} {value:.3g}" if isinstance(value, float) else f"{f.name} {value}"
-            for f in fields(self)
-            if (value := getattr(self, f.name)) != f.default or f.name in ("period_s", "timeout_s")
-        )
-
-
-def _log(draw: random.Random, low: float, high: float) -> float:
-    return float(low * (high / low) ** draw.random())
 
 
 Oddity = Callable[[random.Random, Nature], Mapping[str, object]]

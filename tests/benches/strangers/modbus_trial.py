@@ -3,7 +3,7 @@
 import asyncio
 import random
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from functools import cache
 from itertools import count, pairwise
@@ -21,6 +21,7 @@ from tests.benches.strangers.least_readings import least_readings
 from tests.benches.strangers.modbus_client import Wanted, plainly_read
 from tests.benches.strangers.modbus_host import ForeignModbus
 from tests.benches.strangers.modbus_nature import Memory, Nature, age_s, drawn, told
+from tests.benches.strangers.nature import shown
 
 PERIODS = 50
 WITHIN = 20
@@ -161,14 +162,7 @@ def tried(seed: int) -> Trial:
     return trial
 
 
-def show(seed: int) -> Mapping[str, object]:
+def show(seed: int) -> dict[str, object]:
     """All of one seed, to look at."""
     trial = tried(seed)
-    return {
-        "nature": str(trial.nature),
-        "problems": list(trial.problems()),
-        "said": trial.said,
-        "notices": trial.notices,
-        "good": {c: len(v) for c, v in trial.good.items()},
-        "plain": trial.plain,
-    }
+    return shown(trial, {c: len(v) for c, v in trial.good.items()}, trial.plain)

@@ -146,8 +146,10 @@ async def test_an_agent_that_reports_no_values_is_refused(tmp_path: Path) -> Non
     async with device_at(tmp_path) as (agent, bus, _):
         agent.answers[""] = {"version": 3, "capabilities": ["shift"]}
         for _ in range(2):  # it is not left connected: an older agent would keep the writing client out
-            with pytest.raises(WrongDevice, match=r"bus nc1: the agent reports no values .*linuxcnc"):
+            with pytest.raises(WrongDevice) as refused:
                 await bus.connect()
+            assert (refused.value.bus, refused.value.what.code) == ("nc1", "agent_no_values")
+            assert refused.value.hint.code == "agent_needs_values"
 
 
 async def test_more_names_than_a_line_holds_are_several_questions(tmp_path: Path) -> None:
