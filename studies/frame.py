@@ -11,7 +11,6 @@ import tokenize
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from functools import cache
 from importlib.metadata import version
 from multiprocessing import get_context, parent_process
@@ -244,7 +243,6 @@ def _origin(study: Study, runs: list[Run], again: str, workers: int) -> Origin:
         code=code_fingerprint(study.run.__module__)[:8],
         took=_took(runs, workers),
         again=again,
-        date=f"{datetime.now(UTC):%Y-%m-%d}",
     )
 
 

@@ -125,7 +125,6 @@ class Origin:
     """How long it took, on how many cores."""
     again: str
     """The command."""
-    date: str
 
 
 def figure(width: float, height: float) -> Figure:
@@ -157,5 +156,5 @@ def page_html(title: str, report: Report, origin: Origin) -> str:
 
 def summary_markdown(report: Report, origin: Origin) -> str:
     """The block of docs/figures.md."""
-    made = f"`{origin.again}`, {origin.runs} runs, {origin.took}, code {origin.code}, {origin.date}"
+    made = f"`{origin.again}`, {origin.runs} runs, {origin.took}, code {origin.code}"
     return f"{report.summary.markdown()}\n{fill(made, _PROSE_WIDTH, break_long_words=False, break_on_hyphens=False)}\n"

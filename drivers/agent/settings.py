@@ -68,7 +68,7 @@ class AgentSettings(AgentRequests):
     poses: int = Field(default=6, ge=1)
     """Number of poses that one probing cycle touches."""
     poses_deg: tuple[tuple[float, float], ...] = ()
-    """A and C of each pose, degrees, compared with those of an agent that tells its own; empty: not compared."""
+    """A and C of each pose, degrees, compared with those of an agent that states its own; empty: not compared."""
     largest_um: Positive = LARGEST_UM
     """Larger offsets are never sent; the agent also has its own bound."""
     device: str = "nc"

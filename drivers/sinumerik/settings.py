@@ -15,7 +15,7 @@ from drivers.text import Text, shown
 
 _DEGREES_PER_TURN = 360.0
 ERROR_TERMS: Final = 7
-"""R-parameters by which the control's program tells what it keeps to."""
+"""R-parameters in which the control's program states its settings."""
 ERROR_STATES: Final = 5
 """R-parameters in which that program keeps what outlasts RESET."""
 LONGEST_TOOL_MM: Final = 300.0
@@ -250,7 +250,7 @@ class LeaseParameters(Section):
     silence: RNumber = 95
     """Seconds without a new beat after which the control considers the gateway dead."""
     state: RNumber = 96
-    """0 the watchdog has seen no beat since power on, 1 alive, 2 silent."""
+    """Of the watchdog: 0 no beat since power on, 1 alive, 2 silent."""
     ramp: RNumber = 97
     """mm/s towards zero on silence; 0 holds."""
     slope_ramp: RNumber = 98
@@ -267,7 +267,7 @@ class ErrorParameters(Section):
     in_force: RNumber = 110
     """First of the nine errors after the slew."""
     echo: RNumber = 119
-    """The beat, as the last of the program's actions saw it."""
+    """The beat, copied by the last of the program's actions."""
     probed: RNumber = 120
     """First of three: shift of the tool in mm that was held during the last probing cycle."""
     terms: RNumber = 123

@@ -37,7 +37,7 @@ def agent_test(
     \b
     For authors of agents. Each clause is passed, failed (with what was expected and what came), not offered by this
     agent, or not run. Nothing moves without --offsets or --cycle. Stop the gateway before: an agent serves one client.
-    Exit codes: 0 every clause that was tried holds; 1 one does not; 3 there is no agent, or it does not let us in.
+    Exit codes: 0 every clause that was tried holds; 1 one does not; 3 there is no agent, or the login fails.
     """
     from gateway.commissioning.agent_test.told import try_agent
 

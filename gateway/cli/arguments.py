@@ -160,7 +160,7 @@ def _heard(config: Path | None, connect: tuple[str, ...], prefix: str | None, **
 
 
 def serving_options(listen: str, settings: str) -> Decorator:
-    """What a program that shows gateways takes: whom it hears, where it listens, its settings; as one `shown`.
+    """What a program that shows gateways takes: which gateways, where it listens, its settings; as one `shown`.
 
     listen: the usual address; settings: what the file of settings holds
     """
@@ -215,7 +215,7 @@ def _access_of(**given: Any) -> "Access":
 
 
 with_access = gathered("access", _access_of, *_ACCESS)
-"""How a reader proves who it is, and whom it believes: an Access."""
+"""A reader's credentials, and the authority that it trusts: an Access."""
 with_proof = gathered("proof", dict, *_ACCESS)
 """The same options as they are."""
 

@@ -44,7 +44,7 @@ def command(
     arm: the disarming ends; nothing is armed that the configuration does not arm.
     reference: drop the reference; the sphere is measured anew while no program runs, and errors count from zero.
     reload: read the configuration again and apply it, unless something in it needs a restart.
-    The gateway obeys those whom its configuration names, and stores each command. Exit code 3: refused or not reached.
+    Only operators that the configuration names may give them. Exit code 3: refused or not reached.
     """
     from gateway.telemetry.client import Machine, MachineError
     from gateway.telemetry.command_signer import CommandSigner

@@ -42,12 +42,12 @@ def stats(database: Path) -> None:
     with History(database) as history:
         click.echo(f"{'table':<16}{'rows':>12}{'MB':>10}")
         for table, rows, size in history.sizes():
-            click.echo(f"{table:<16}{rows:>12}{size / _MB:>10.2f}")
+            click.echo(f"{table:<16}{'' if table == 'other' else rows:>12}{size / _MB:>10.2f}")
         first, last = history.span()
         free = history.free_bytes()
     on_disk = sum(p.stat().st_size for p in (database, database.with_name(database.name + "-wal")) if p.exists())
     click.echo(f"on the disk {on_disk / _MB:.2f} MB, of which {free / _MB:.2f} MB are free for new rows")
-    click.echo("no steps yet" if first is None or last is None else f"steps {first} to {last}")
+    click.echo("no grid step yet" if first is None or last is None else f"grid steps {first} to {last}")
 
 
 @db.command()

@@ -26,6 +26,6 @@ def inspect() -> None:
     """Read registers, objects or nodes that no profile describes, and write the draft of a profile. Reads only.
 
     \b
-    Every number that the bytes may be stands side by side; choose the plausible ones, and repeat with --draft.
+    Shows every number that the bytes may be, side by side; choose the plausible ones, and repeat with --draft.
     Nothing else may use the wire: stop the gateway first.
     """

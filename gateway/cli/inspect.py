@@ -92,8 +92,8 @@ def sweep_command(where: str, unit: int, most: int, file: Path | None, quantity:
     """Read all four tables of one Modbus unit at WHERE, mark what changes while you warm a sensor, and draft a profile.
 
     \b
-    One request follows another, reads only. What changed stands there as every number that it may be; the profile has
-    the type, the order and the scale with which it is a likely temperature, and says CONFIRM.
+    One request at a time; reads only. What changed is shown as every number that it may be; the profile has the type,
+    the order and the scale with which it is a likely temperature, marked CONFIRM.
     """
     from gateway.commissioning.inspection.registers import modbus_at, sweep_unit
 

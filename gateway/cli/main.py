@@ -292,8 +292,8 @@ def watch(
 def web(shown: dict[str, Any]) -> None:
     """Serve the page for operators: whether the machine may cut, and why not.
 
-    The page shows the gateway of CONFIG, which runs on this computer, or all that are heard at --connect. It only
-    listens, unless [operators] in --settings let users give commands. An address beyond this computer needs TLS and
+    The page shows the gateway of CONFIG, which runs on this computer, or all that are found at --connect. It only
+    reads, unless [operators] in --settings let users give commands. An address beyond this computer needs TLS and
     users in --settings.
     """
     need_extra("web")
@@ -308,7 +308,7 @@ def opcua(shown: dict[str, Any]) -> None:
     """Show machines to OPC UA clients after OPC UA for Machine Tools (umati), read-only.
 
     Shows the gateway of CONFIG, which runs on this computer, and the machines that --settings names and --connect
-    reaches. It only listens: no client can touch a machine. An address beyond this computer needs a certificate and
+    reaches. No client can change anything. An address beyond this computer needs a certificate and
     users in --settings.
     """
     from gateway.listeners.umati.serve import serve_machines

@@ -21,9 +21,8 @@ def name(config: Path, wiring: Path | None, checklist: bool, by: str, again: boo
 
     \b
     Each name is written at once, comments stay. With --list a sensor that moves where the list has it needs no typing.
-    CONFIG with .names.csv instead of .toml says who named what when, and how far it rose; from it a session that was
-    ended goes on. Nothing is written to any
-    device. Exit code 3: channels are left without a name.
+    CONFIG with .names.csv instead of .toml says who named what when, and how far it rose; the next session goes on
+    from it. Nothing is written to any device. Exit code 3: channels are left without a name.
     """
     from gateway.commissioning.naming.names import checklist as printed
     from gateway.commissioning.naming.names import read_list

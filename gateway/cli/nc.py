@@ -41,7 +41,7 @@ def sinumerik_files(config: Path, output: Path) -> None:
 
     \b
     Axes, travel, origin, signs, slew and bounds are in the program, so write and load it again when one of them changes
-    in CONFIG: the gateway refuses a program that keeps to others. docs/nc.md describes it, and the first hour with it.
+    in CONFIG: the gateway refuses one made with others. docs/nc.md describes it, and the first hour with it.
     """
     from gateway.nc.program_file import write_program
 

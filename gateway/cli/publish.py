@@ -14,9 +14,9 @@ def publish(outlets: Path, only_check: bool) -> None:
     """Forward what gateways publish to the systems of OUTLETS, a TOML file: MQTT, InfluxDB (docs/site.md).
 
     \b
-    It is a separate process, which only listens to the gateways, so that nothing here can delay or change a machine. A
-    system that is away is tried again; meanwhile messages wait in memory, and the oldest are dropped when there are
-    too many. It runs until SIGINT or SIGTERM, and says at the end what was sent.
+    A separate process that only reads what gateways publish: nothing here can delay or change a machine. A system that
+    is away is tried again; meanwhile messages wait in memory, and the oldest are dropped when there are too many. It
+    runs until SIGINT or SIGTERM, and says at the end what was sent.
     """
     from gateway.listeners.outlets.forward import checked_outlets, forward
 

@@ -93,7 +93,7 @@ def replay(
     if out is not None and out.suffix not in (".csv", ".parquet"):
         raise click.BadParameter(f"{str(out)!r}: expected a name that ends in .csv or .parquet", param_hint="--out")
     if zero_each_run and not columns["runs"]:
-        raise click.UsageError("--zero-each-run: needs --runs COLUMN, which tells where each run begins")
+        raise click.UsageError("--zero-each-run: needs --runs COLUMN, the column that shows where each run begins")
     read = columns_of(**columns)
     request = Request(file, read, page, config, every_measurement, out, calibration_min, language, zero_each_run)
     for table in (request.out, request.models_out):

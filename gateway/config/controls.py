@@ -129,7 +129,7 @@ class AgentNc(PolledAgent, AgentRequests):
     """Machine states that this agent reports beside `spindle_speed`, `speed_X` to `speed_C` and `coolant`."""
 
     def settings(self, poses_deg: Poses, states: Iterable[str]) -> AgentSettings:  # noqa: ARG002
-        """The same, with the poses, which an agent may tell."""
+        """The same, with the poses, which an agent may state."""
         chosen = {"poses": len(poses_deg), "poses_deg": tuple(poses_deg)}
         return settings_of(AgentSettings, self._given(AgentSettings) | chosen)
 

@@ -113,7 +113,7 @@ class PlannedLoad(Section):
 
 
 class Instrument(Section):
-    """What the measurements stand on, for the report's reader: the machine, the touch probe, the sphere, sensors."""
+    """What the measurements depend on, for the report: the machine, the touch probe, the sphere, sensors."""
 
     what: Annotated[str, Field(min_length=1, max_length=60)]
     """Such as `touch probe`, or names of channels."""

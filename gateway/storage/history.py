@@ -1,6 +1,7 @@
 """Reads a database, even while a gateway writes to it."""
 
 import sqlite3
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
@@ -32,6 +33,14 @@ _WIDER = timedelta(minutes=2)
 """Rows of one moment may be stored in another order."""
 TimeSpan = tuple[datetime, datetime]
 """From one instant on, until before another."""
+_EXPORTED = {
+    "reading": "readings", EARLIER: "readings", "minute": "minutes", "frame": "steps", "measurement": "measurements",
+    "model": "models", "event": "events", "compensation": "compensation", "command": "commands", "boot": "runs",
+    "reasons": "reasons",
+}  # fmt: skip
+"""Each table whose rows are exported, and as what."""
+_PART_OF = {"decision": "steps", "trust": "steps", "reading_block": "readings", "recent_minute": "readings"}
+"""What is stored beside them."""
 
 
 def _opened(path: Path) -> sqlite3.Connection:
@@ -391,7 +400,8 @@ class History:
             )
 
     def sizes(self) -> list[tuple[str, int, int]]:
-        """Name, rows and bytes of each table, with its indices; the largest first."""
+        """Name, rows and bytes of each table as exports call it, with all that belongs to it; the largest first. What
+        only the gateway uses is `other`, without rows."""
         names = [n for (n,) in self._connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")]
         bytes_of = dict(
             self._connection.execute(
@@ -399,8 +409,12 @@ class History:
                 " WHERE s.aggregate GROUP BY 1"
             ).fetchall()
         )
-        counted = ((n, *self._connection.execute(f'SELECT count(*) FROM "{n}"').fetchone()) for n in names)
-        return sorted(((n, many, bytes_of.get(n, 0)) for n, many in counted), key=lambda row: -row[2])
+        many, size = Counter[str](), Counter[str]()
+        for n in names:
+            if n in _EXPORTED:
+                many[_EXPORTED[n]] += self._connection.execute(f'SELECT count(*) FROM "{n}"').fetchone()[0]
+            size[_EXPORTED.get(n, _PART_OF.get(n, "other"))] += bytes_of.get(n, 0)
+        return [(n, many[n], held) for n, held in size.most_common()]
 
     def span(self) -> tuple[int | None, int | None]:
         """Grid indices of the first and of the last frame; None: there is none."""

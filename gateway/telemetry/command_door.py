@@ -36,7 +36,7 @@ _LONGEST_REASON = 300
 _TELL_EVERY_S = 60.0
 
 Give = Callable[[Command, Text], CommandOutcome]
-"""Obeys a command, or refuses it for the reason that is given. Raises OSError while nobody does."""
+"""Carries out a command, or refuses it for the reason that is given. Raises OSError while nobody does."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +83,7 @@ class CommandDoor:
     ----------
     machine: of this gateway
     operators: by name
-    give: what obeys, and stores what became of it
+    give: carries a command out, and stores the outcome
     monotonic: seconds, in which VALID_S counts: real ones, also where the machine's time is simulated
     """
 

@@ -1,4 +1,4 @@
-"""The side that gives commands: signs them with an operator's key, and believes no answer without its signature."""
+"""The side that gives commands: signs them with an operator's key, and rejects unsigned answers."""
 
 import secrets
 from dataclasses import dataclass, field

@@ -100,9 +100,9 @@ class GatewayState:
     decision: Decision | None = None
     """The latest."""
     outlook: Outlook | None = None
-    """How probing stands."""
+    """State of probing."""
     storage: StoreHealth | None = None
-    """How storing stands."""
+    """State of the store."""
     health: Health | None = None
     """As it was looked at last; None: not yet."""
 

@@ -207,7 +207,7 @@ class PublishedReason(Struct, frozen=True):
     inputs: Annotated[dict[str, Number], Meta(description="Which inputs move it now, the largest first")]
     other_inputs: Annotated[Number, Meta(description="What all other inputs together do")]
     level: Annotated[Number, Meta(description="What no input explains")]
-    experts: Annotated[dict[str, Number], Meta(description="Share of the belief, by kind of expert")]
+    experts: Annotated[dict[str, Number], Meta(description="Weight, by kind of expert")]
     expected: Annotated[Number, Meta(description="At the next measurement, if the inputs stay as they are")]
     expected_sigma: Annotated[Number, Meta(description="Its standard uncertainty, without the measurement's noise")]
 
@@ -255,7 +255,7 @@ class ForecastMessage(Message, frozen=True):
 
 
 class PauseStanding(Struct, frozen=True):
-    """A command that stands until another one ends it."""
+    """A command that holds until another one ends it."""
 
     by: Annotated[str, Meta(description="Who gave the command")]
     since: Utc

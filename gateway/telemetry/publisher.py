@@ -66,7 +66,7 @@ _OBEYED_WITHIN_S = 60.0
 """A command waits for the disk, twice."""
 
 Obey = Callable[[Command, Text], Coroutine[object, object, CommandOutcome]]
-"""Obeys a command in the event loop, or refuses it for the reason that is given. Raises OSError while nobody does."""
+"""Carries out a command in the event loop, or refuses it for the given reason. Raises OSError while nobody does."""
 
 
 Scenario = Callable[[ScenarioRequest], Coroutine[object, object, ScenarioPage]]
@@ -99,7 +99,7 @@ class TelemetryPublisher:
     report: makes the report of a day; None: queries on `report` are refused
     periods_missed: the number of missed periods by bus, for the status
     clock_known: whether the computer's clock is known to be right, for every message
-    obey: obeys commands, or refuses them; None: each is refused until the gateway has started
+    obey: carries out commands, or refuses them; None: each is refused until the gateway has started
     scenario: computes a scenario in the event loop; None: queries on `scenario` are refused
     """
 

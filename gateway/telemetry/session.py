@@ -33,7 +33,7 @@ _LOGIN = "transport/auth/usrpwd"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Access:
-    """How a reader proves who it is, and whom it believes. PEM files."""
+    """A reader's credentials, and the authority that it trusts. PEM files."""
 
     authority: Path | None = None
     """Certificates of the authority that the other side's certificate must come from; needed for `tls/…`."""

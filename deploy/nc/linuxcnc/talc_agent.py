@@ -122,7 +122,7 @@ class Control:
         """Positions: the tool's tip from where A and C meet, mm; A, C in degrees."""
         s = self._poll()
         if s is None:
-            raise Refusal("LinuxCNC does not run, or its state stands still", "stale")
+            raise Refusal("LinuxCNC does not run, or its state does not change", "stale")
         obstacle = self._cycle.obstacle(s)
         return {
             "positions": self._settings.tip(s),
@@ -165,7 +165,7 @@ class Control:
         names = command.get("names")
         if not isinstance(names, list) or not names or not all(isinstance(name, str) and name for name in names):
             raise Refusal(f"names = {names!r}: expected a list of names of HAL pins, signals or parameters")
-        stale = "" if self._poll() is not None else "LinuxCNC does not run, or its state stands still"
+        stale = "" if self._poll() is not None else "LinuxCNC does not run, or its state does not change"
         return {"values": [hal_value(name) for name in names], "stale": stale}
 
     def _poll(self) -> Any:

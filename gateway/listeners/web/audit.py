@@ -28,7 +28,7 @@ class ShownCorrection:
     rest: Amount
     """What other inputs do, and what no input explains."""
     experts: tuple[tuple[Word, Amount], ...]
-    """What is believed, with its share."""
+    """Kind of expert, with its weight."""
     measured: str | None
     """When the last measurement that was used had ended; null: none was heard of."""
 

@@ -156,7 +156,7 @@ def test_stats_tell_rows_and_sizes(running: Path) -> None:
     answer = here("db", "stats", running)
     assert answer.code == 0, answer.together
     counts = {line.split()[0]: line.split()[1] for line in answer.together.splitlines()}
-    assert (counts["frame"], counts["reading"], counts["measurement"]) == (str(STEPS), str(STEPS), "1")
+    assert (counts["steps"], counts["readings"], counts["measurements"]) == (str(STEPS), str(STEPS), "1")
     assert f"steps 0 to {STEPS - 1}" in answer.together
 
 
