@@ -82,7 +82,7 @@ class MachineJoints:
             return ""
         if abs(apart) > SAME_MM:
             return (
-                f"{TOOL_CENTRE_POINT}.y-offset = {apart / self.mm:g}: expected 0, because the compensation knows only "
+                f"{TOOL_CENTRE_POINT}.y-offset = {apart / self.mm:g}: expected 0, because the compensation supports only "
                 "machines whose axes A and C meet"
             )
         for axis, theirs, ours in zip("xyz", (x, y, z + above), self.pivot, strict=True):
