@@ -73,10 +73,10 @@ async def dry_run(
                 await nc.connect()
                 if not (isinstance(nc, RunsDry) and nc.runs_dry):
                     hint = (
-                        "on a SINUMERIK call TALC_SAFE_POINT once, which shows what it knows. If there are none, drive "
+                        "on a SINUMERIK call TALC_SAFE_POINT once, which shows its version. If there are none, drive "
                         'its cycle by hand at reduced feed, then write [probing] dry_run = "not offered"'
                     )
-                    raise Refused("the control's program has shown no dry runs", device="nc", hint=hint)
+                    raise Refused("the control's program has not shown dry runs", device="nc", hint=hint)
                 path = nc.path_mark if isinstance(nc, MarksPath) else ""
                 if last is not None:
                     await nc.withdraw_probing(last)  # a gateway that was killed may have left it behind

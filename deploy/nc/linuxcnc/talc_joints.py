@@ -82,8 +82,8 @@ class MachineJoints:
             return ""
         if abs(apart) > SAME_MM:
             return (
-                f"{TOOL_CENTRE_POINT}.y-offset = {apart / self.mm:g}: expected 0, because the compensation supports only "
-                "machines whose axes A and C meet"
+                f"{TOOL_CENTRE_POINT}.y-offset = {apart / self.mm:g}: expected 0, because the compensation supports "
+                "only machines whose axes A and C meet"
             )
         for axis, theirs, ours in zip("xyz", (x, y, z + above), self.pivot, strict=True):
             if abs(theirs - ours) > SAME_MM:
@@ -140,13 +140,13 @@ class MachineJoints:
         kinematics, parameters = self.kinematics, self._text("KINS", "KINEMATICS").split()[1:]
         if kinematics not in KINEMATICS:
             known = " or ".join(KINEMATICS)
-            raise self._unfit("KINS", "KINEMATICS", f"the compensation knows {known}, where a joint moves an axis")
+            raise self._unfit("KINS", "KINEMATICS", f"the compensation supports {known}, where a joint moves an axis")
         given = next((p.partition("=")[2] for p in parameters if p.lower().startswith("coordinates=")), "")
         declared = re.sub(r"[\s,]", "", self._text("TRAJ", "COORDINATES")).upper()
         count = self._text("KINS", "JOINTS")
         letters = (given or KINEMATICS[kinematics][: int(count) if count.isdecimal() else None]).upper()
         if set(declared) != set(AXES):
-            raise self._unfit("TRAJ", "COORDINATES", f"the compensation knows machines with the axes {AXES}")
+            raise self._unfit("TRAJ", "COORDINATES", f"the compensation supports machines with the axes {AXES}")
         if letters != declared:
             raise self._unfit(
                 "KINS",

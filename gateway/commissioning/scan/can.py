@@ -69,10 +69,10 @@ async def scan_can(scan: CanScan, progress: ScanProgress, stopped: Stopped) -> S
     rates = talking or list(scan.bitrates)
     if len(rates) > 1 and not scan.anyway:
         report.question = (
-            "Nothing was heard at any bit rate. Ask the nodes at each? "
+            "Nothing was received at any bit rate. Ask the nodes at each? "
             "At a wrong rate this disturbs nodes that use another."
         )
-        report.remarks.append("nothing was heard, and no node was asked")
+        report.remarks.append("nothing was received, and no node was asked")
         return report
     for rate in rates:
         if stopped():
@@ -139,7 +139,7 @@ async def _recognise(bus: CanOpenBus, node: int, heard: Heard, report: ScanRepor
     state = heard.states.get(node)
     if node not in heard.device_types:
         report.remarks.append(
-            f"node {node} is heard ({state or 'emergency'}) but does not answer SDO: is it stopped (NMT)?"
+            f"node {node} sends ({state or 'emergency'}) but does not answer SDO: is it stopped (NMT)?"
         )
         return None
     try:
@@ -167,7 +167,7 @@ def _note_silence(scan: CanScan, heard: dict[int, Heard], report: ScanReport) ->
     errors = sum(h.error_frames for h in heard.values())
     listed = ", ".join(map(str, scan.bitrates))
     report.remarks.append(
-        f"nothing answered or was heard at {listed} bit/s"
+        f"nothing was received at {listed} bit/s"
         + (f", {errors} error frames came" if errors else "")
         + ": check bit rate, termination (60 ohm between CAN_H and CAN_L), CAN_H and CAN_L swapped, power of the nodes"
     )

@@ -47,7 +47,7 @@ def watch_own(config: GatewayConfig, language: str = "en") -> bool:
     telemetry = config.telemetry
     places = [place.from_here for place in telemetry.listening] or list(telemetry.connect)
     if not (telemetry.enabled and places):
-        raise click.UsageError("[telemetry] of this configuration has no endpoint on which a gateway could be heard")
+        raise click.UsageError("[telemetry] of this configuration has no endpoint at which a gateway could be reached")
     try:
         access = own_access(telemetry)
     except OSError as error:

@@ -112,6 +112,6 @@ async def test_values_of_a_control_that_stands_still_are_stale(tmp_path: Path) -
             for part in ("milltask", "rtapi_app"):
                 await bench.operator.ask("freeze", part)
                 await until(stale)
-                assert told(await device.read()) == [("stale", "LinuxCNC does not run, or its state stands still")]
+                assert told(await device.read()) == [("stale", "LinuxCNC does not run, or its state does not change")]
                 await bench.operator.ask("thaw", part)
                 await until(good)

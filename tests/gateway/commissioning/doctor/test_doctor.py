@@ -286,7 +286,7 @@ def test_an_authority_of_the_telemetry_that_ends_soon_is_found(tmp_path: Path, r
          "without it the gateway cannot connect to the control", "docs/agent.md"),
         ('[telemetry]\nuser = "u"\npassword_file = "word"\nconnect = ["tcp/127.0.0.1:7447"]',
          "[telemetry] password_file", "word",
-         "without it nobody on another computer can hear the gateway", "docs/site.md"),
+         "without it no other computer receives anything from the gateway", "docs/site.md"),
         ('[[telemetry.operator]]\nname = "anna"\nkey_file = "anna.key"\nmay = ["pause"]',
          "[[telemetry.operator]] 'anna', key_file", "anna.key",
          "without it every command of 'anna' is refused", "docs/commands.md"),

@@ -23,7 +23,7 @@ bus = "rtu1"
 profile = "icpdas_m7015"
 channels = { bed = 0 }
 """
-HEARD = "nobody on another computer can hear the gateway"
+HEARD = "no other computer receives anything from the gateway"
 RENEW = "renew the file, or set the clock of this computer if it is wrong (docs/site.md)"
 
 

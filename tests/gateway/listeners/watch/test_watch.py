@@ -140,7 +140,7 @@ def test_a_configuration_that_publishes_nowhere_is_not_waited_for(tmp_path: Path
     file.write_text(TEXT + "[telemetry]\nlisten = []\n", encoding="utf-8")
     answer = CliRunner().invoke(main, ["watch", str(file)], catch_exceptions=False)
     assert answer.exit_code == 2
-    assert "has no endpoint on which a gateway could be heard" in answer.output
+    assert "[telemetry]" in answer.output
     other = CliRunner().invoke(main, ["watch", str(file), "--prefix", "hall"], catch_exceptions=False)
     assert "give either it or options" in other.output
 
