@@ -110,7 +110,7 @@ async def test_a_value_whose_source_has_stopped_counting_is_stale(tmp_path: Path
     async with device_at(tmp_path) as (agent, bus, device):
         await bus.connect()
         await device.connect()
-        assert told(await device.read())[2] == ("stale", "count has not changed since the gateway began to look")
+        assert told(await device.read())[2] == ("stale", "count has not changed since the gateway began to read it")
         agent.now["count"] = 1.0
         assert told(await device.read())[2] == (55.0, "%")
         await asyncio.sleep(9.0)

@@ -77,7 +77,7 @@ async def test_pins_and_signals_are_channels_beside_the_gateway_that_writes(tmp_
             assert load == ("sensor_fault", "spindle-load holds no finite number: nan")
             assert absent[0] == "comm_fault"
             assert absent[1].startswith("the control has nothing named drive-y.value: compare the name")
-            assert counted == ("stale", "readings has not changed since the gateway began to look")
+            assert counted == ("stale", "readings has not changed since the gateway began to read it")
 
             await hal.ask("hal", "sets", "readings", "8")
             await hal.ask("hal", "setp", "drive-x.value", "121")

@@ -68,7 +68,7 @@ async def test_what_the_agent_no_longer_knows_is_not_reported(agent: tuple[Any, 
     agent[0].push_data("Srpm", "UNAVAILABLE")
     assert "spindle_speed" not in (await nc.snapshot()).states
     agent[0].push_data("Ypos", "UNAVAILABLE")
-    with pytest.raises(BadAnswer, match="no position of Y: the agent says UNAVAILABLE"):
+    with pytest.raises(BadAnswer, match="no position of Y: the agent reports UNAVAILABLE"):
         await nc.snapshot()
 
 
