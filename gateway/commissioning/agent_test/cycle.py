@@ -154,7 +154,7 @@ async def a_dry_run_stays_above(trial: Trial) -> None:
 
 @CYCLE.add(_PROBE, Moves.CYCLE, Moves.OFFSETS, also=SHIFT)
 async def nothing_moves_while_probing(trial: Trial) -> None:
-    """While a cycle is accepted or running, what is in force stands still, whatever is written; `in_force` reports
+    """While a cycle is accepted or running, what is in force does not change, whatever is written; `in_force` reports
     it."""
     async with claimed(trial.target) as agent:
         await agent.ask("write", owner=OWNER, um=list(_HELD_UM))

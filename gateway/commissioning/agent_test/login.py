@@ -167,7 +167,7 @@ async def lets_the_key_in_past_strangers(trial: Trial) -> None:
 
 @LOGIN.add()
 async def ends_connections_that_do_not_log_in(trial: Trial) -> None:
-    """A connection that says nothing ends (2 s; tried: 10 s)."""
+    """A connection that sends nothing ends (2 s; tried: 10 s)."""
     async with connected(trial.target) as agent:
         await agent.check_ends(_LOGIN_S)
 

@@ -11,7 +11,7 @@ _NO_NAMES = ("no such value, talc-gateway asks", "and no such one")
 
 @VALUES.add(_VALUES)
 async def serves_clients_that_only_read(trial: Trial) -> None:
-    """A client that says that it only reads is served beside the one that writes, and `status` and `claim` are
+    """A client that states that it only reads is served beside the one that writes, and `status` and `claim` are
     refused to it."""
     async with logged_in(trial.target) as writer:
         async with connected(trial.target) as reader:

@@ -59,7 +59,7 @@ def draft_text(
     """A profile: its head, with `more` lines, and a section for each block of lines. chosen: what must be confirmed."""
     head = [
         f"# Draft by `talc-gateway inspect`: what {place} answered at {when}.",
-        f"# {CONFIRM}: the device said nothing of {chosen}; compare the values.",
+        f"# {CONFIRM}: the device does not state {chosen}; compare the values.",
         f"protocol = {toml_value(protocol)}",
         f"title = {toml_value(place)}  # {CONFIRM}: which device this is",
         f"unit = {toml_value(unit)}",

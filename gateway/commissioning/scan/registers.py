@@ -142,7 +142,7 @@ def profile_draft(seen: SeenWords, meaning: Meaning, *, place: str, when: str) -
     refused = ", ".join(map(str, sorted(seen.refused)))
     head = [
         f"# Draft by `talc-gateway inspect`: what {place} answered at {when}.",
-        f"# {CONFIRM}: the device said nothing of type, order, scale and unit; compare the values.",
+        f"# {CONFIRM}: the device does not state type, order, scale and unit; compare the values.",
         *([f"# Refused, and left out: {refused}."] if refused else []),
         'protocol = "modbus"',
         f"title = {toml_value(place)}  # {CONFIRM}: which device this is",
