@@ -83,6 +83,8 @@ class ModbusDevice:
         self._refused_since_s, self._refused_for_s = 0.0, _ASK_REFUSED_AGAIN_S
         self._was_silent = False
         """Whether it missed the last read and its repetitions: another unit may answer the next one."""
+        self._was_asked = False
+        """Whether it was read since it was last forgotten: what was asked before is too old."""
 
     async def connect(self) -> None:
         """Check the settings and the type codes of the channels in use, or just that the unit answers.
@@ -169,6 +171,7 @@ class ModbusDevice:
 
         again: continue with the request that was not answered
         """
+        again &= self._was_asked
         if not again:
             self._answers.clear()
             self._fault_answers.clear()
@@ -180,6 +183,7 @@ class ModbusDevice:
                 self._reset_plans(silent=False)
         if not self._checked and (self._codes.requests or self._settings.requests):
             await self.connect()
+        self._was_asked = True
         try:
             words, later = await self._read_words(again)
         except DriverError as error:
@@ -388,6 +392,7 @@ class ModbusDevice:
     def _forget(self) -> None:
         self._answers.clear()
         self._fault_answers.clear()
+        self._was_asked = False
         self._spans, self._told, self._checked, self._was_silent = {}, {}, False, False
         self._refused_for_s = _ASK_REFUSED_AGAIN_S
         self._tried.clear()

@@ -58,7 +58,7 @@ class Request:
     may_be_answered: bool = False
     """Whether something has come that may have been its answer, or a copy of another one."""
     may_be_refused: bool = False
-    """Whether a refusal has come that may have been its answer."""
+    """Whether a refusal has come that may have been its answer, or that of an earlier request."""
 
     def is_answered_by(self, message: bytes) -> bool:
         """Whether a message (function code and data) has the form of its answer."""
@@ -218,15 +218,6 @@ class Requests:
         if open_ := self.open(unit, block):
             self._of(unit).open.remove(open_[0])
 
-    def perhaps_refused(self, unit: int, block: Block) -> None:
-        """Nothing follows the refusal that may have been the answer to this: it was, unless the unit is often late, or
-        answers to other requests of the same question, which it may refuse, are missing, too."""
-        one = self._of(unit)
-        until = max((n for n, r in enumerate(one.open) if r.block == block and r.may_be_refused), default=-1)
-        others = (r for r in one.open[: until + 1] if r.block.function == block.function and r.block != block)
-        if one.late_share <= _IS_LATE and all(r.is_old for r in others):
-            del one.open[: until + 1]
-
     def took(self, unit: int, block: Block) -> Came | None:
         """The answer to the present question; only once."""
         return self._of(unit).came.pop(block, None)
@@ -303,7 +294,7 @@ class Requests:
         like = [n for n, r in enumerate(sent) if alike(r.block, block) and (r.block != block or r.is_old)]
         if not like:
             return None
-        after = (r.block for r in reversed(sent[like[-1] + 1 :]) if not alike(r.block, block))
+        after = (r.block for r in reversed(sent[like[-1] + 1 :]) if not (alike(r.block, block) or r.may_be_refused))
         return next(after, None) or self.another(unit, block)
 
     def expects(self, unit: int, block: Block) -> bool:
@@ -311,11 +302,17 @@ class Requests:
         return any(r.block == block for r in self._waiting(unit))
 
     def another(self, unit: int, block: Block) -> Block:
-        """A request at the block's address whose answer has another form, and none that is due if possible."""
-        counts = range(1, 48, 8) if block.function in BIT_FUNCTIONS else range(1, 7)
-        others = [Block(block.function, block.address, count) for count in counts]
+        """A request at the block's address whose answer has another form, and none that is due if possible. If nobody
+        knows which of its function's requests was refused, it has another function, whose refusal differs, too."""
+        open_ = self._of(unit).open
+        due = [r.block for r in open_]
+        function = block.function
+        if any(r.may_be_refused and r.block.function == function for r in open_):
+            functions = sorted({3, 4, *BIT_FUNCTIONS} - {function}, reverse=True)
+            function = min(functions, key=lambda f: sum(one.function == f for one in due))
+        counts = range(1, 48, 8) if function in BIT_FUNCTIONS else range(1, 7)
+        others = [Block(function, block.address, count) for count in counts]
         others = [other for other in others if not alike(other, block)]
-        due = [r.block for r in self._of(unit).open]
         return min(others, key=lambda other: sum(alike(other, one) for one in due))
 
     def patience_s(self, unit: int) -> float:

@@ -34,6 +34,8 @@ _GROWTH = 2.0
 as the late answer is as good."""
 _MOST_CROSSED = 3
 """How often an answer that may be another master's is asked for again."""
+_MOST_SEPARATORS = 2
+"""Nobody may know which request a unit has refused; then one of another function follows."""
 _FOLLOWS_S = 0.05
 """How soon the answer to a repeated request follows the answer to the first one."""
 _SERVER_GAP_S = 3.5 * 11 / 9600
@@ -95,12 +97,17 @@ class RtuFramedBus(ModbusBus):
         if separator is None and self._echo is None and find_rtu_answer(rtu_request(unit, block), unit, block):
             # The request would be its own answer: learn from another one whether requests come back.
             separator = requests.another(unit, block)
-        if separator is not None:
+        for _ in range(_MOST_SEPARATORS):
+            if separator is None:
+                break
             self._separates = requests.separator(unit, block) is not None
             try:
                 await self._request(device, unit, separator, block)
             finally:
                 self._separates = False
+            separator = requests.separator(unit, block)
+        if separator is not None:
+            raise self._silence(device, unit, self._timeout_s, heard=True)
         came = await self._request(device, unit, block, block)
         for _ in range(_MOST_CROSSED):
             if not self._crossed:
@@ -201,10 +208,8 @@ class RtuFramedBus(ModbusBus):
         self, device: str, unit: int, block: Block, like: Block, heard: bytearray, waited_s: float
     ) -> bytes:
         self._owing_until = None
-        if block != like and self._separates:
-            self._requests.perhaps_refused(unit, block)
-            if self._requests.separator(unit, like) is None:
-                return b""  # what was asked before is settled
+        if block != like and self._separates and self._requests.separator(unit, like) != block:
+            return b""  # what was asked before is settled, or another one is needed
         if (message := self._foreign_refusal(heard[self._sorted_to :], unit)) is not None:
             self._requests.spoilt(unit, block)
             return message
