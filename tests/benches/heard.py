@@ -167,9 +167,16 @@ class HeardMachine:
         at = self.now.isoformat()
         self.hear(f"reading/{channel}", ReadingMessage(*self.stamp(), channel, value, unit, quality, at, 0.0, 1, ""))
 
-    def event(self, kind: str = "problem", text: str = "bus rtu1: no answer", subject: object = "") -> None:
-        values = {"subject": subject} if subject else {}
-        self.hear("event", EventMessage(*self.stamp(), None, kind, text, None, None, None, values=values))
+    def event(
+        self,
+        kind: str = "problem",
+        text: str = "bus rtu1: no answer",
+        subject: object = "",
+        code: str = "",
+        **values: object,
+    ) -> None:
+        own = values | ({"subject": subject} if subject else {})
+        self.hear("event", EventMessage(*self.stamp(), None, kind, text, None, None, None, code=code, values=own))
 
     def probing(self, standing: str, why: str | None = "interval", reason: str = "", operator: str = "") -> None:
         self.hear("probing", ProbingMessage(*self.stamp(), standing, why, reason, 0, operator))

@@ -32,6 +32,9 @@ from tests.benches.zenoh_sessions import listening
 
 SAMPLES = Path(__file__).with_name("demo_telemetry.jsonl")
 _STATUS_S = 5.0
+_EZ0A_UM = 40.0
+_DAY_S = 8.2 * 3600.0
+"""How long before the present the played day begins."""
 _STANDING = [each.name for each in msgspec.structs.fields(ProbingStanding)]
 _TIMES = ("time", "source_time", "asked", "ended")
 
@@ -77,9 +80,13 @@ class PlayedGateway:
             if "status" in self._last:
                 self.again("status", {})
 
+    def _degrees(self) -> dict[str, float]:
+        readings = [m for key, m in self._last.items() if keys.kind_of(key) == keys.kind_of("reading/any")]
+        return {m["channel"]: m["value"] for m in readings if m.get("unit") == "degC" and m["value"] is not None}
+
     def _answer(self, query: zenoh.Query) -> None:
         if keys.asks_for(keys.COURSE, str(query.key_expr)):
-            query.reply(f"{self._root}/{keys.COURSE}", encode(_week(str(query.parameters))))
+            query.reply(f"{self._root}/{keys.COURSE}", encode(_week(str(query.parameters), self._degrees())))
             return
         if keys.asks_for(keys.REPORT, str(query.key_expr)):
             asked = parse_report(str(query.parameters))
@@ -96,34 +103,47 @@ class PlayedGateway:
             query.reply(f"{self._root}/{suffix}", json.dumps(message))
 
 
-def _week(selected: str) -> CoursePage:
-    """The answer of a store with the last seven days: Z swings by 40 µm each day with a temperature that swings by 10
-    K, and is measured every six hours."""
+def _swing(at: float, lag: float = 0.0) -> float:
+    """Once a day from -1 to 1."""
+    return math.sin(2.0 * math.pi * (at / 86400.0 - lag))
+
+
+def _week(selected: str, now_degC: dict[str, float]) -> CoursePage:
+    """The answer of a store with the last seven days: Z swings by 40 µm each day with spindle_rear, which swings by 10
+    K, and is measured every six hours. The other channels swing less, each with its own lag, to what they are now."""
     asked, now = parse_course(selected), datetime.now(UTC).timestamp()
     begin, end = max(asked.begin.timestamp(), now - 7 * 86400.0), asked.end.timestamp()
     times = [t for i in range(asked.limit) if (t := begin + (end - begin) * i / asked.limit) < end]
     measured = [t for t in times if t % 21600.0 < (end - begin) / asked.limit]
 
-    def swing(at: list[float], most: float) -> list[float | None]:
-        return [most * math.sin(2.0 * math.pi * t / 86400.0) for t in at]
-
     def errors(at: list[float]) -> dict[str, PublishedCourse]:
         still: list[float | None] = [0.0] * len(at)
-        return {e: PublishedCourse(swing(at, 40.0) if e == "EZ0A" else still, [1.0] * len(at)) for e in THERMAL_ERRORS}
+        swinging: list[float | None] = [_EZ0A_UM * _swing(t) for t in at]
+        return {e: PublishedCourse(swinging if e == "EZ0A" else still, [1.0] * len(at)) for e in THERMAL_ERRORS}
 
-    temperatures = {"spindle_rear": swing(times, 10.0)} if asked.temperatures else {}
+    def course(lag: float, value: float, by: float) -> list[float | None]:
+        return [value + by * (_swing(t, lag) - _swing(now, lag)) for t in times]
+
+    found = {name: course(0.05 + 0.02 * i, value, 2.0) for i, (name, value) in enumerate(sorted(now_degC.items()))}
+    found["spindle_rear"] = course(0.0, now_degC.get("spindle_rear", 25.0), 10.0)
     reasons = _hourly(begin, end)[-asked.limit :] if asked.reasons else []
-    return CoursePage(times, errors(times), measured, errors(measured), [0.4] * len(measured), temperatures, reasons)
+    shown = found if asked.temperatures else {}
+    return CoursePage(times, errors(times), measured, errors(measured), [0.4] * len(measured), shown, reasons)
 
 
 def _hourly(begin: float, end: float) -> list[StoredReason]:
-    """At each full hour, EZ0A is corrected by as many µm as the hour of the day."""
-    hours = range(math.ceil(begin / 3600.0), math.ceil(end / 3600.0))
+    """At each full hour before the played day, EZ0A; spindle_rear gives 80 % of it, and c_table 1 µm."""
+    hours = range(math.ceil(begin / 3600.0), math.ceil(min(end, datetime.now(UTC).timestamp() - _DAY_S) / 3600.0))
+
+    def reason(total: float) -> PublishedReason:
+        inputs: dict[str, float | None] = {"spindle_rear": 0.8 * total, "c_table": 1.0}
+        return PublishedReason(total, True, 1.0, inputs, 0.2 * total - 1.0, 0.0, {}, 0.0, 1.0)
+
     return [
         StoredReason(
             datetime.fromtimestamp(3600.0 * hour, UTC).isoformat(),
             12 * hour,
-            {"EZ0A": PublishedReason(hour % 24, True, 1.0, {"spindle_rear": 1.0}, 0.0, 0.0, {}, 0.0, 1.0)},
+            {"EZ0A": reason(_EZ0A_UM * _swing(3600.0 * hour))},
             {"EZ0A": 1.0},
             None,
         )

@@ -244,7 +244,8 @@ def test_a_gateway_that_is_killed_looks_gone_and_one_that_comes_back_begins_agai
                 expect(untold.locator("#chart .u-over")).to_have_count(1)
             mill.kill()
             expect(page.locator("#word")).to_have_text("Gone")
-            expect(page.locator("#because")).to_contain_text("Last message")
+            expect(page.locator("#ready")).to_have_class("verdict away")
+            expect(page.locator("#since")).not_to_be_empty()
             expect(page.locator("[data-axis=Z] [data-of=left]")).to_have_text("–")
             assert page.evaluate("document.body.classList.contains('past')")
             picture(page, "page-gone")
@@ -261,7 +262,7 @@ def test_a_gateway_that_is_killed_looks_gone_and_one_that_comes_back_begins_agai
             expect(page.locator("#lost")).to_contain_text("This page has lost its server")
             expect(page.locator("#word")).to_have_text("No connection")
             expect(machines.locator("li .word")).to_have_text(["No connection"] * 2)
-            expect(machines.locator("li.grey")).to_have_count(2)
+            expect(machines.locator("li.away")).to_have_count(2)
 
 
 def test_nothing_old_looks_fresh(settings: Path) -> None:
@@ -293,9 +294,10 @@ def test_nothing_old_looks_fresh(settings: Path) -> None:
                 expect(machines.locator("li .word")).to_have_text(word)
                 for each in fresh:
                     expect(each).to_be_hidden()
-                expect(page.locator("#since")).to_be_empty()
+                expect(page.locator("#ready")).to_have_class("verdict away")
+                expect(page.locator("#strip")).to_have_css("filter", "grayscale(1)")
                 expect(page.locator("#tool-notes p")).to_have_count(0)
-                for of in ("left", "half", "without", "in_force"):
+                for of in ("left", "half", "without", "taken"):
                     expect(page.locator(f"[data-of={of}]")).to_have_text(["–"] * 3)
                 expect(page.locator("#helps p")).to_have_count(0)
                 expect(page.locator("#ready")).not_to_contain_text("left at the tool", use_inner_text=True)

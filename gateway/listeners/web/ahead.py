@@ -168,60 +168,109 @@ def _stacked(columns: list[list[float | None]]) -> FloatArray:
     return np.array([[believable(v) for v in column] for column in columns], dtype=np.float64).T
 
 
-def when(coming: AheadError | None, tolerance_um: float, *, ready: bool) -> Iterator[Sentence]:
+@dataclass(frozen=True, slots=True, eq=False)
+class Outlook:
+    """The worst axis from now on, straight between the forecast's times, as far as forecasts have been checked.
+
+    Everything that says or shows when a machine will be ready, or until when it is, takes the time from here.
+    """
+
+    at: tuple[datetime, ...]
+    """L times, the first of them now."""
+    high: FloatArray
+    """(L,) the most that is left, µm."""
+    near: FloatArray
+    """(L,) at least so much is left, µm."""
+    low: FloatArray
+    """(L,) the least that `high` can come to, µm."""
+    axis: tuple[int, ...]
+    """The worst one at each time."""
+
+    def turn(self, tolerance_um: float) -> datetime | None:
+        """When the whole interval comes within the tolerance, or no longer is; None: not as far as can be foreseen."""
+        times = self.crossings(self.high, tolerance_um)
+        return times[0] if times else None
+
+    def crossings(self, values: FloatArray, limit_um: float) -> list[datetime]:
+        """When (L,) values pass a limit."""
+        inside = values <= limit_um
+        return [
+            self.at[i] + (self.at[i + 1] - self.at[i]) * float((limit_um - values[i]) / (values[i + 1] - values[i]))
+            for i in np.flatnonzero(inside[1:] != inside[:-1])
+        ]
+
+    def axis_at(self, time: datetime) -> int:
+        """The worst axis at the end of the step in which a time is."""
+        return next((axis for each, axis in zip(self.at, self.axis, strict=True) if each >= time), self.axis[-1])
+
+
+def outlook(now: ToolError, coming: AheadError) -> Outlook | None:
+    """None: what is left now is not known, or no forecast has been checked yet."""
+    checked = int(np.argmin(np.append(coming.known(), False)))
+    if not checked or not np.isfinite(now.far).all():
+        return None
+    left, high, low = coming.left[:checked], coming.high[:checked], coming.low[:checked]
+    # The widened interval reaches as far inwards as outwards.
+    high, low = np.vstack([now.far, high]), np.vstack([now.far, low])
+    near = np.vstack([now.near, 2.0 * np.abs(left) - high[1:]])
+    made = coming.at[0] - timedelta(seconds=coming.seconds[0])
+    worst = tuple(int(axis) for axis in np.argmax(high, axis=1))
+    return Outlook((made, *coming.at[:checked]), high.max(axis=1), near.max(axis=1), low.max(axis=1), worst)
+
+
+def when(now: ToolError | None, coming: AheadError | None, tolerance_um: float, *, ready: bool) -> Iterator[Sentence]:
     """When it will be ready, or until when it stays so."""
-    if coming is None:
+    if now is None or coming is None:
         yield Sentence("when.stays_unknown" if ready else "when.no_forecast")
         return
-    known = coming.known()
-    surely = known & (coming.high <= tolerance_um).all(axis=1)
+    seen = outlook(now, coming)
+    if seen is None:
+        yield Sentence("when.stays_unknown" if ready else "when.not_checked")
+        return
+    turn = seen.turn(tolerance_um)
     if ready:
-        stays = int(np.argmin(np.append(surely, False)))
-        yield Sentence("when.stays", {"at": at(coming.at[stays - 1])}) if stays else Sentence("when.stays_unknown")
+        if turn is None:
+            yield Sentence("when.stays", {"at": at(seen.at[-1])})
+            return
+        axis = Word("XYZ"[seen.axis_at(turn)])
+        yield Sentence(
+            "when.until",
+            {"at": at(turn), "axis": axis, "tolerance": Amount(tolerance_um, "µm", d=int(tolerance_um % 1 > 0))},
+        )
         return
-    if surely.any():
-        first = int(np.argmax(surely))
-        yield Sentence("when.ready", {"at": at(coming.at[first]), "far": _worst(coming.high[first])})
+    if turn is not None:
+        yield Sentence("when.ready", {"at": at(turn)})
         return
-    if not known.any():
-        yield Sentence("when.not_checked")
-        return
-    never = known & (coming.low > tolerance_um).any(axis=1)
-    until = int(np.argmin(np.append(never, False)))
-    if until == len(coming.at):
+    outside = int(np.argmin(np.append(seen.low[1:] > tolerance_um, False)))
+    if outside == len(coming.at):
         yield Sentence("when.not_within", {"at": at(coming.at[-1])})
         return
-    off: dict[str, Atom] = {"off": _worst((coming.high - coming.far)[known])}
-    if until:
-        yield Sentence("when.not_before", off | {"at": at(coming.at[until - 1])})
+    off: dict[str, Atom] = {"off": _worst((coming.high - coming.far)[coming.known()])}
+    if outside:
+        yield Sentence("when.not_before", off | {"at": at(seen.at[outside])})
     else:
         yield Sentence("when.not_foreseeable", off)
 
 
-def planned(loads: dict[str, AheadError | None], tolerance_um: float, *, ready: bool) -> Iterator[Sentence]:
+def planned(
+    now: ToolError | None, loads: dict[str, AheadError | None], tolerance_um: float, *, ready: bool
+) -> Iterator[Sentence]:
     """When it will be ready under each planned load, or until when it stays so."""
     for load, coming in loads.items():
         values: dict[str, Atom] = {"load": ToldName(load)}
         if coming is None:
             yield Sentence("planned.unknown", values)
             continue
-        known = coming.known()
-        surely = known & (coming.high <= tolerance_um).all(axis=1)
-        if not known.any():
+        seen = None if now is None else outlook(now, coming)
+        if seen is None:
             yield Sentence("planned.not_checked", values)
+        elif (turn := seen.turn(tolerance_um)) is not None:
+            yield Sentence("planned.until" if ready else "planned.ready", values | {"at": at(turn)})
         elif ready:
-            stays = int(np.argmin(np.append(surely, False)))
-            if stays:
-                yield Sentence("planned.stays", values | {"at": at(coming.at[stays - 1])})
-            else:
-                yield Sentence("planned.may_leave", values | {"at": at(coming.at[0]), "far": _worst(coming.high[0])})
-        elif surely.any():
-            first = int(np.argmax(surely))
-            yield Sentence("planned.ready", values | {"at": at(coming.at[first]), "far": _worst(coming.high[first])})
+            yield Sentence("planned.stays", values | {"at": at(seen.at[-1])})
         else:
-            last = int(np.flatnonzero(known)[-1])
-            least, most = _worst(coming.low[last]), _worst(coming.high[last])
-            yield Sentence("planned.not_certain", values | {"at": at(coming.at[last]), "low": least, "high": most})
+            least, most = um(float(seen.low[-1])), um(float(seen.high[-1]))
+            yield Sentence("planned.not_certain", values | {"at": at(seen.at[-1]), "low": least, "high": most})
 
 
 def _worst(values: FloatArray) -> Amount:

@@ -52,6 +52,16 @@ class ToolError:
         return np.maximum(np.abs(self.left) - self.half, 0.0)
 
 
+def told(error: ToolError) -> list[list[float]]:
+    """What is left, half of its interval and its far end at one instant, (3,) each, to tenths of a micrometre.
+
+    The far end is rounded up, so that what is beyond a tolerance is never written as within it, and the other two add
+    up to it.
+    """
+    left, far = np.round(error.left, 1), np.ceil(np.round(10.0 * error.far, 6)) / 10.0
+    return [left.tolist(), (far - np.abs(left)).tolist(), far.tolist()]
+
+
 def moved(matrix: FloatArray, errors: FloatArray) -> FloatArray:
     """(..., 3) deviation at the tool of (..., 9) errors; an error that counts here and is unknown makes it NaN."""
     counted = [np.abs(row) > _NOT_HERE for row in matrix]

@@ -2,11 +2,12 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from statistics import median
 
 from drivers.base import Quality
+from gateway.listeners.web.catalogue import page_texts
 from gateway.listeners.web.sentences import Amount, Atom, SaidRow, Sentence, ToldName, Word, at, in_each, name, told, um
 from gateway.model.codes import NoticeCode
 from gateway.model.compensation import Source
@@ -46,6 +47,15 @@ _NC_MARKS: dict[str, str] = {NcState.READY: "good", NcState.PROBING: "good", NcS
 _MOST_ALIKE = 4
 _RENEW_DAYS = 30
 _URGENT_DAYS = 7
+_AROUND = frozenset({NoticeCode.INTERMITTENT, NoticeCode.NO_MORE_KINDS})
+"""What is said around another problem."""
+TOLD_WITH_REMEDY = frozenset({
+    NoticeCode.CHANNEL_BAD, NoticeCode.BUS_SLOW, NoticeCode.OTHER_MASTER, NoticeCode.NC_AXES_FROZEN,
+    NoticeCode.NC_VALUES_UNKNOWN, NoticeCode.NC_WATCHDOG_UNHEARD, NoticeCode.NC_PROBES_ON, NoticeCode.NC_SLOW,
+    NoticeCode.STORE_FAILS, NoticeCode.DISK_LOW, NoticeCode.CLOCK_UNKNOWN, NoticeCode.CLOCK_AND_PAUSE_UNKNOWN,
+    NoticeCode.TELEMETRY_UNCONFIRMED, NoticeCode.TWO_OF_ONE_NAME,
+})  # fmt: skip
+"""Problems whose sentences say what to do."""
 _NOTABLE = frozenset({EventKind.OPERATOR, EventKind.SENSOR_SUSPECT, EventKind.COMMAND})
 
 
@@ -403,6 +413,8 @@ class ShownEvent:
     mark: str
     ended: str | None = None
     """When the problem ended."""
+    do: Sentence | None = None
+    """What to do about a problem that lasts, unless `said` tells it."""
 
 
 def events(seen: MachineSeen) -> list[ShownEvent]:
@@ -419,12 +431,26 @@ def events(seen: MachineSeen) -> list[ShownEvent]:
         elif event.kind == EventKind.PROBLEM and subject:
             end = ends.pop(subject, None)
             lasts = end is None and subject not in changed
-            (lasting if lasts else others).append(_shown_event(event, None if end is None else end.time))
+            shown = _shown_event(event, None if end is None else end.time)
+            (lasting if lasts else others).append(replace(shown, do=_remedy(event)) if lasts else shown)
         else:
             others.append(_shown_event(event))
         changed.add(subject)
     others.extend(map(_shown_event, ends.values()))  # their beginning was not heard
     return [*lasting, *sorted(others, key=lambda each: each.t, reverse=True)]
+
+
+def _remedy(event: EventMessage) -> Sentence | None:
+    match event.values.get("subject"):
+        case {"code": NoticeCode.BUS | NoticeCode.DEVICE as code, "values": {"name": str(name)}}:
+            return Sentence("do.look", {"first": in_each(Text(code, name=name))})
+    code, values = event.code, event.values
+    while code in _AROUND:
+        inner = values.get("problem")
+        code, values = (str(inner.get("code")), inner.get("values") or {}) if isinstance(inner, dict) else ("", {})
+    if code in TOLD_WITH_REMEDY:
+        return None
+    return Sentence(f"do.{code}" if f"do.{code}" in page_texts("en") else "do.call")
 
 
 def _shown_event(event: EventMessage, ended: str | None = None) -> ShownEvent:

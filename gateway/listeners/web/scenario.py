@@ -10,7 +10,7 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 
 from drivers.base import SetupError
-from gateway.listeners.web.ahead import WARM_S, AheadError, ahead, ahead_along, planned_ahead
+from gateway.listeners.web.ahead import WARM_S, AheadError, ahead, ahead_along, outlook, planned_ahead
 from gateway.listeners.web.at_tool import ToolError
 from gateway.listeners.web.sentences import UNHEARD, Atom, Sentence, ToldName, at, lasting, um, why
 from gateway.listeners.web.verdict import Viewpoint, tool_now
@@ -34,12 +34,16 @@ class ShownBranch:
 
     load: str
     """Name of a planned load; empty: as it is now."""
+    began: float
+    """When now is, UTC seconds."""
     t: list[float]
     """Seconds from now."""
     far: list[float | None]
     low: list[float | None]
     """The least and the most that `far` will be."""
     high: list[float | None]
+    turn: float | None = None
+    """Seconds from now when the whole interval comes within the tolerance, or no longer is."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,10 +60,11 @@ def branches(seen: MachineSeen, viewpoint: Viewpoint, error: ToolError | None) -
     if coming is None or error is None or not np.isfinite(error.far).all():
         return []
     loads = planned_ahead(seen, viewpoint.matrix)
-    return [_branch("", error, coming), *(_branch(name, error, each) for name, each in loads.items() if each)]
+    every = [("", coming), *((name, each) for name, each in loads.items() if each)]
+    return [_branch(name, error, each, viewpoint.tolerance_um) for name, each in every]
 
 
-def _branch(load: str, now: ToolError, coming: AheadError) -> ShownBranch:
+def _branch(load: str, now: ToolError, coming: AheadError, tolerance_um: float | None) -> ShownBranch:
     near = np.array(coming.seconds) <= WARM_S
     first = float(np.max(now.far))
 
@@ -68,7 +73,11 @@ def _branch(load: str, now: ToolError, coming: AheadError) -> ShownBranch:
         return [round(first, 2), *(round(v, 2) if np.isfinite(v) else None for v in largest.tolist())]
 
     seconds = [0.0, *np.array(coming.seconds)[near].tolist()]
-    return ShownBranch(load, seconds, column(coming.far), column(coming.low), column(coming.high))
+    seen = None if tolerance_um is None else outlook(now, coming)
+    turn = None if seen is None or tolerance_um is None else seen.turn(tolerance_um)
+    after = None if seen is None or turn is None else (turn - seen.at[0]).total_seconds()
+    began = coming.at[0].timestamp() - coming.seconds[0]
+    return ShownBranch(load, began, seconds, column(coming.far), column(coming.low), column(coming.high), after)
 
 
 def shown_scenario(seen: MachineSeen, page: ScenarioPage, viewpoint: Viewpoint, now_s: float) -> ShownScenario:
@@ -81,10 +90,13 @@ def shown_scenario(seen: MachineSeen, page: ScenarioPage, viewpoint: Viewpoint, 
         return ShownScenario([], [Sentence("scenario.no_forecast")])
     stays = ahead_along(seen, page, page.stays, viewpoint.matrix)
     if not page.loaded:
-        return ShownScenario([_branch("", error, stays)], [Sentence("scenario.unknown", values)])
+        return ShownScenario(
+            [_branch("", error, stays, viewpoint.tolerance_um)], [Sentence("scenario.unknown", values)]
+        )
     run = ahead_along(seen, page, page.loaded, viewpoint.matrix)
     said = list(_said(values, error, stays, run, viewpoint.tolerance_um))
-    return ShownScenario([_branch("", error, stays), _branch("?", error, run)], said)
+    both = [_branch(name, error, each, viewpoint.tolerance_um) for name, each in (("", stays), ("?", run))]
+    return ShownScenario(both, said)
 
 
 def _told(loads: Mapping[str, float]) -> Atom:
@@ -95,27 +107,20 @@ def _said(
     values: dict[str, Atom], now: ToolError, stays: AheadError, run: AheadError, tolerance_um: float | None
 ) -> Iterator[Sentence]:
     """When the whole interval is within the tolerance; else how much less is left in the end."""
-    known = run.known()
-    if not known.any():
+    seen = outlook(now, run)
+    if seen is None:
         yield Sentence("scenario.not_checked", values)
         return
-    last = int(np.flatnonzero(known)[-1])
-    ended: dict[str, Atom] = values | {"at": at(run.at[last]), "far": um(float(np.max(run.high[last])))}
+    last = len(seen.at) - 2  # of the forecast, which does not begin with now
     as_now = float(np.max(stays.far[last]))
     gain = as_now - float(np.max(run.far[last]))
-    ended |= {"stays": um(as_now), "gain": um(abs(gain))}
-    inside = known & (tolerance_um is not None) & (run.high <= (tolerance_um or 0.0)).all(axis=1)
+    ended: dict[str, Atom] = values | {"at": at(seen.at[-1]), "far": um(float(seen.high[-1])), "gain": um(abs(gain))}
     already = tolerance_um is not None and bool(np.max(now.far) <= tolerance_um)
-    if already and inside[known].all():
-        yield Sentence("scenario.stays", ended)
+    turn = None if tolerance_um is None else seen.turn(tolerance_um)
+    if turn is not None:
+        yield Sentence("scenario.leaves" if already else "scenario.ready", values | {"at": at(turn)})
     elif already:
-        first = int(np.flatnonzero(known & ~inside)[0])
-        leaves: dict[str, Atom] = {"at": at(run.at[first]), "far": um(float(np.max(run.high[first])))}
-        yield Sentence("scenario.leaves", ended | leaves)
-    elif inside.any():
-        first = int(np.argmax(inside))
-        ready: dict[str, Atom] = {"at": at(run.at[first]), "far": um(float(np.max(run.high[first])))}
-        yield Sentence("scenario.ready", ended | ready)
+        yield Sentence("scenario.stays", ended)
     else:
         yield Sentence("scenario.better" if gain > 0.0 else "scenario.worse", ended)
 

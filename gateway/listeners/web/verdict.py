@@ -1,5 +1,6 @@
 """The verdict, ready or not: compares the error that remains at the tool with a tolerance, as far as it is known."""
 
+import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -8,8 +9,8 @@ from enum import StrEnum
 
 import numpy as np
 
-from gateway.listeners.web.ahead import advice, ahead, cycle_takes, planned, planned_ahead, when
-from gateway.listeners.web.at_tool import ToolError, at_the_tool, course, half_width
+from gateway.listeners.web.ahead import Outlook, advice, ahead, cycle_takes, planned, planned_ahead, when
+from gateway.listeners.web.at_tool import ToolError, at_the_tool, course, half_width, told
 from gateway.listeners.web.sentences import Atom, Sentence, Word, at, um
 from gateway.model.standing import Standing
 from gateway.telemetry.subscriber.machine import MachineSeen, applied, holds_s, is_old, is_past, nine
@@ -19,6 +20,8 @@ from talc.frame import FloatArray, Phase
 class Colour(StrEnum):
     """Colour of the verdict; the page has a word beside each."""
 
+    AWAY = "away"
+    """Nothing that is shown is current."""
     RED = "red"
     GREY = "grey"
     AMBER = "amber"
@@ -88,19 +91,21 @@ def judged(seen: MachineSeen, viewpoint: Viewpoint, now_s: float) -> Verdict:
     tool = tool_now(seen, viewpoint.matrix, now_s)
     if tool.old:
         decided = datetime.fromisoformat(seen.decision.time)
-        return Verdict(Colour.GREY, "word.old", (Sentence("because.old", {"at": at(decided)}),), decided)
+        return Verdict(Colour.AWAY, "word.old", (Sentence("because.old", {"at": at(decided)}),), decided)
     if seen.probing is not None and seen.probing.standing == Standing.ASKED:
         return Verdict(
-            Colour.AMBER, "word.probing", (Sentence("because.probing", {"lasts": cycle_takes(seen, "lasts.of_late")}),)
+            Colour.GREY, "word.probing", (Sentence("because.probing", {"lasts": cycle_takes(seen, "lasts.of_late")}),)
         )
     error = tool.error
     if seen.decision.phase == Phase.NO_GOOD:
         return Verdict(Colour.RED, "word.not_ready", (Sentence("because.no_good"),))
     if error is None or not np.isfinite(error.far).all():
-        return Verdict(Colour.AMBER, "word.unknown", _unknown(seen, error))
+        return Verdict(Colour.GREY, "word.unknown", _unknown(seen, error))
     worst = int(np.argmax(error.far))
-    said = Sentence("because.left", {"axis": Word("XYZ"[worst]), "left": um(abs(float(error.left[worst]))),
-                                 "half": um(float(error.half[worst])), "far": um(float(error.far[worst]))})  # fmt: skip
+    left, half, far = (column[worst] for column in told(error))
+    said = Sentence(
+        "because.left", {"axis": Word("XYZ"[worst]), "left": um(abs(left)), "half": um(half), "far": um(far)}
+    )
     if viewpoint.tolerance_um is None:
         return Verdict(Colour.GREY, "word.no_tolerance", (said, Sentence("because.no_tolerance")))
     colour = _colour(error.near, error.far, viewpoint.tolerance_um)
@@ -113,17 +118,30 @@ _HELPED = {*_WORDS.values(), "word.unknown"}
 
 
 def _colour(near: FloatArray, far: FloatArray, tolerance_um: float) -> Colour:
-    """The colour by the (3,) ends of the intervals of what is left."""
+    """The colour by the (3,) ends of the intervals of what is left; amber if part of one is outside, and never else."""
     if not np.isfinite(far).all():
-        return Colour.AMBER
+        return Colour.GREY
     if (far <= tolerance_um).all():
         return Colour.GREEN
     return Colour.RED if (near > tolerance_um).any() else Colour.AMBER
 
 
-def colour_ahead(left: FloatArray, high: FloatArray, tolerance_um: float) -> Colour:
-    """The colour by what is (3,) left and the most that `far` will be: the widened interval reaches as far inwards."""
-    return _colour(2.0 * np.abs(left) - high, high, tolerance_um)
+def standings(error: ToolError, tolerance_um: float | None) -> list[Colour]:
+    """The colour of each axis by itself."""
+    if tolerance_um is None:
+        return [Colour.GREY] * 3
+    return [_colour(error.near[i : i + 1], error.far[i : i + 1], tolerance_um) for i in range(3)]
+
+
+def colours_ahead(seen: Outlook, tolerance_um: float) -> Iterator[tuple[Colour, datetime, datetime]]:
+    """From when until when the verdict will have which colour."""
+    turns = {*seen.crossings(seen.high, tolerance_um), *seen.crossings(seen.near, tolerance_um)}
+    times = sorted({seen.at[0], *turns, seen.at[-1]})
+    seconds = np.array([time.timestamp() for time in seen.at])
+    for begin, end in itertools.pairwise(times):
+        middle = (begin + (end - begin) / 2).timestamp()
+        near, high = (np.interp([middle], seconds, column) for column in (seen.near, seen.high))
+        yield _colour(near, high, tolerance_um), begin, end
 
 
 def colours(seen: MachineSeen, past: ToolError, tolerance_um: float) -> list[Colour]:
@@ -136,15 +154,15 @@ def colours(seen: MachineSeen, past: ToolError, tolerance_um: float) -> list[Col
 
 def _absent(seen: MachineSeen) -> Verdict:
     if seen.heard is None:
-        return Verdict(Colour.GREY, "word.never", (Sentence("because.never"), Sentence("do.start")))
+        return Verdict(Colour.AWAY, "word.never", (Sentence("because.never"), Sentence("do.start")))
     if seen.alive and seen.two:
-        return Verdict(Colour.GREY, "word.no_data", (Sentence("because.two"), Sentence("do.rename")))
+        return Verdict(Colour.AWAY, "word.no_data", (Sentence("because.two"), Sentence("do.rename")))
     if seen.silent:
-        return Verdict(
-            Colour.GREY, "word.silent", (Sentence("because.silent", {"heard": at(seen.heard)}), Sentence("do.restart"))
-        )
-    said = Sentence("because.gone", {"at": at(seen.gone or seen.heard), "heard": at(seen.heard)})
-    return Verdict(Colour.GREY, "word.gone", (said, Sentence("do.start")))
+        said = Sentence("because.silent", {"heard": at(seen.heard)})
+        return Verdict(Colour.AWAY, "word.silent", (said, Sentence("do.restart"), Sentence("do.away")), seen.heard)
+    gone = seen.gone or seen.heard
+    said = Sentence("because.gone", {"at": at(gone)})
+    return Verdict(Colour.AWAY, "word.gone", (said, Sentence("do.start"), Sentence("do.away")), gone)
 
 
 def _unknown(seen: MachineSeen, error: ToolError | None) -> tuple[Sentence, ...]:
@@ -196,10 +214,10 @@ def _helps(seen: MachineSeen, viewpoint: Viewpoint, tool: ToolNow, *, ready: boo
     disarmed = seen.status is not None and seen.status.disarmed is not None
     ordered = disarmed or (seen.status is not None and seen.status.paused is not None)
     if tolerance_um is not None:
-        yield from when(coming, tolerance_um, ready=ready)
+        yield from when(tool.error, coming, tolerance_um, ready=ready)
         if not ordered:
             yield from advice(tool.error, coming, tolerance_um, ready=ready)
-        yield from planned(planned_ahead(seen, viewpoint.matrix), tolerance_um, ready=ready)
+        yield from planned(tool.error, planned_ahead(seen, viewpoint.matrix), tolerance_um, ready=ready)
     if ready or disarmed:
         return
     if coming is None and not ordered and seen.measurements and tolerance_um is not None:

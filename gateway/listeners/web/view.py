@@ -8,23 +8,23 @@ from datetime import datetime
 import numpy as np
 
 from gateway.listeners.web import parts
-from gateway.listeners.web.ahead import ahead
-from gateway.listeners.web.at_tool import course, moved
+from gateway.listeners.web.ahead import ahead, outlook
+from gateway.listeners.web.at_tool import ToolError, course, moved, told
 from gateway.listeners.web.past import ShownPast, columns
 from gateway.listeners.web.scenario import ShownBranch, branches
 from gateway.listeners.web.sentences import Amount, SaidRow, Sentence, ToldName, Word, at, in_each, um
 from gateway.listeners.web.verdict import (
     Verdict,
     Viewpoint,
-    colour_ahead,
     colours,
+    colours_ahead,
     judged,
+    standings,
     tool_now,
     verdict_of,
 )
 from gateway.listeners.web.waiting import cost_of_waiting
 from gateway.telemetry.subscriber.machine import MachineSeen, applied, is_old, nine
-from talc.frame import FloatArray
 from talc.names import THERMAL_ERRORS
 
 _MOST_CHAIN = 100
@@ -55,6 +55,8 @@ class ShownAxis:
     half: Amount
     far: Amount
     in_force: Amount
+    colour: str
+    """The verdict's, of this axis alone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +118,7 @@ def view(seen: MachineSeen, viewpoint: Viewpoint, now_s: float, own: tuple[SaidR
         verdict=_verdict_on_page(verdict_of(seen, viewpoint, now_s), parts.failed(seen)),
         planned=_planned_loads(seen),
         branches=branches(seen, viewpoint, tool_now(seen, viewpoint.matrix, now_s).error),
-        axes=_axes(seen, viewpoint.matrix, now_s),
+        axes=_axes(seen, viewpoint, now_s),
         tolerance_um=viewpoint.tolerance_um,
         errors=_errors(seen, now_s),
         reach=dict(zip(THERMAL_ERRORS, np.round(viewpoint.matrix.T, 6).tolist(), strict=True)),
@@ -159,21 +161,22 @@ def _orders(seen: MachineSeen) -> Iterator[Sentence]:
             yield Sentence(key, {"by": ToldName(order.by), "at": at(datetime.fromisoformat(order.since))})
 
 
-def _axes(seen: MachineSeen, matrix: FloatArray, now_s: float) -> tuple[ShownAxis, ...]:
-    error = tool_now(seen, matrix, now_s).error
+def _axes(seen: MachineSeen, viewpoint: Viewpoint, now_s: float) -> tuple[ShownAxis, ...]:
+    error = tool_now(seen, viewpoint.matrix, now_s).error
     if error is None:
         return ()
-    in_force = applied(seen.compensation).offsets_um
+    in_force, (left, half, far) = applied(seen.compensation).offsets_um, told(error)
     return tuple(
         ShownAxis(
             axis,
             um(float(error.without[i]), sign=True),
-            replace(um(float(error.left[i]), sign=True), u=""),
-            um(float(error.half[i])),
-            um(float(error.far[i])),
+            replace(um(left[i], sign=True), u=""),
+            um(half[i]),
+            um(far[i]),
             um(in_force[i], sign=True),
+            colour.value,
         )
-        for i, axis in enumerate("XYZ")
+        for i, (axis, colour) in enumerate(zip("XYZ", standings(error, viewpoint.tolerance_um), strict=True))
     )
 
 
@@ -208,8 +211,8 @@ class ShownCourse(ShownPast):
     ahead_half: list[list[float | None]]
     ahead_left_half: list[list[float | None]]
     """Of what is left: where the control follows, it is the estimate's uncertainty, and how far that has been off."""
-    ahead_state: list[str]
-    """The verdict's colour at each of them."""
+    ahead_state: list[tuple[str, float, float]]
+    """The verdict's colours, each from when to when."""
     said: Sentence | None
     """Why there is nothing to show."""
 
@@ -242,20 +245,21 @@ def shown_course(seen: MachineSeen, viewpoint: Viewpoint) -> ShownCourse:
     state = [] if tolerance_um is None else [colour.value for colour in colours(seen, past, tolerance_um)]
     later: list[datetime] = []
     values, left, halves, left_halves = (np.empty((0, 3)) for _ in range(4))
-    later_state: list[str] = []
+    later_state: list[tuple[str, float, float]] = []
     if coming is not None and (known := np.asarray(np.isfinite(coming.half).all(axis=1))).any():
         later = [seen.estimates[-1].at, *(time for time, told in zip(coming.at, known, strict=True) if told)]
         values = np.vstack([past.without[-1:], coming.without[known]])
         left = np.vstack([past.left[-1:], coming.left[known]])
         halves = np.vstack([past.half[-1:], coming.half[known]])
         left_halves = np.vstack([past.half[-1:], (coming.high - np.abs(coming.left))[known]])
-        if tolerance_um is not None:
+        left[1:][~coming.known()[known]] = np.nan
+        if (
+            tolerance_um is not None
+            and (seen_ahead := outlook(ToolError(past.without[-1], past.left[-1], past.half[-1]), coming)) is not None
+        ):
             later_state = [
-                state[-1],
-                *(
-                    colour_ahead(each, high, tolerance_um).value
-                    for each, high in zip(coming.left[known], coming.high[known], strict=True)
-                ),
+                (colour.value, begin.timestamp(), end.timestamp())
+                for colour, begin, end in colours_ahead(seen_ahead, tolerance_um)
             ]
     return ShownCourse(
         t=[e.at.timestamp() for e in seen.estimates],

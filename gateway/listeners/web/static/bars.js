@@ -8,15 +8,14 @@ const UM = { u: "", d: 1 };
 const numbers = (axes) => axes.flatMap((a) => [a.far.n, Math.abs(a.without.n ?? 0)]).filter((n) => n !== null);
 
 const bar = (axis, at, most, tolerance) => {
-  const { left: { n: left }, half: { n: half }, without: { n: without } } = axis, pieces = [];
+  const { left: { n: left }, half: { n: half }, without: { n: without }, colour } = axis, pieces = [];
   if (tolerance) pieces.push(piece("zone", at(-tolerance), at(tolerance)));
   pieces.push(piece("nought", 50));
   if (left !== null && half !== null) {
     const low = left - half, high = left + half, t = tolerance ?? Infinity;
-    const outside = low > t || high < -t ? "bad" : "warn";
-    pieces.push(piece(outside === "bad" ? "bar bad" : "bar", at(low), at(high)));
-    if (outside === "warn" && low < -t) pieces.push(piece("bar warn", at(low), at(-t)));
-    if (outside === "warn" && high > t) pieces.push(piece("bar warn", at(t), at(high)));
+    pieces.push(piece(colour === "red" ? "bar bad" : "bar", at(low), at(high)));
+    if (colour === "amber" && low < -t) pieces.push(piece("bar warn", at(low), at(-t)));
+    if (colour === "amber" && high > t) pieces.push(piece("bar warn", at(t), at(high)));
     if (without !== null) pieces.push(piece("moved", at(Math.min(without, left)), at(Math.max(without, left))));
     pieces.push(piece("tick", at(left)));
   }
@@ -27,8 +26,7 @@ const bar = (axis, at, most, tolerance) => {
   } else if (without !== null) pieces.push(piece("ring", at(without)));
   return pieces;
 };
-const standing = ({ left: { n: left }, half: { n: half } }, t) =>
-  left === null || half === null || !t ? "" : Math.abs(left) - half > t ? "bad" : Math.abs(left) + half > t ? "warn" : "";
+const STANDING = { red: "bad", amber: "warn" };
 const cell = (of, axis) => { const found = make("span", axis ? amount(axis[of]) : "–"); found.dataset.of = of; return found; };
 export const showBars = (axes, tolerance) => {
   $("tool-empty").classList.toggle("spare", axes.length > 0);
@@ -38,14 +36,16 @@ export const showBars = (axes, tolerance) => {
   for (const place of document.querySelectorAll("#axes article")) {
     const axis = axes.find((each) => each.axis === place.dataset.axis), track = place.querySelector(".track");
     track.replaceChildren(...(axis ? bar(axis, at, most, tolerance) : tolerance ? [piece("zone", at(-tolerance), at(tolerance))] : []));
-    place.className = axis ? standing(axis, tolerance) : "unknown";
+    place.className = axis ? STANDING[axis.colour] ?? "" : "unknown";
     put(place.querySelector("[data-of=far]"), axis ? amount({ ...axis.far, u: "" }) : "–");
     place.querySelector("small").replaceChildren(cell("left", axis), " ± ", cell("half", axis));
   }
   for (const cell of document.querySelectorAll(".now-table [data-of]")) {
     const axis = axes.find((each) => each.axis === cell.closest("[data-axis]").dataset.axis);
-    put(cell, !axis ? "–" : cell.dataset.of === "interval" ? `${amount(axis.left)} ± ${amount(axis.half)}` : amount(axis[cell.dataset.of]));
+    const taken = axis && { ...axis.without, n: axis.left.n === null ? null : axis.without.n - axis.left.n };
+    put(cell, !axis ? "–" : cell.dataset.of === "interval" ? `${amount(axis.left)} ± ${amount(axis.half)}` : amount(cell.dataset.of === "taken" ? taken : axis.without));
   }
+  put($("on-control"), axes.length ? word("tool.on_control").replace("{offsets}", axes.map((a) => `${a.axis} ${amount({ ...a.in_force, u: "" })}`).join(", ") + "\u202fµm") : "");
   const marks = tolerance ? [-tolerance, 0, tolerance] : [-most / 1.2, 0, most / 1.2];
   $("scale").replaceChildren(...marks.map((um) => {
     const mark = piece("", at(um));
@@ -55,7 +55,7 @@ export const showBars = (axes, tolerance) => {
 };
 
 const SPAN_S = 8 * 3600;
-const WORDS = { green: "word.ready", amber: "word.unsure", red: "word.not_ready" };
+const WORDS = { green: "word.ready", amber: "word.unsure", red: "word.not_ready", grey: "word.unknown" };
 // Runs of one colour: [colour, from, to]. What is farther apart than usual is not one run.
 const runs = (t, state) => {
   const gaps = t.slice(1).map((end, i) => end - t[i]).sort((a, b) => a - b), longest = 3 * (gaps[gaps.length >> 1] ?? 0);
@@ -71,20 +71,17 @@ export const showStrip = (course, ahead) => {
   if (!course.t.length || !changed("strip", [course.t, course.state, course.measured_t, ahead && [course.ahead_t, course.ahead_state]])) return;
   const now = course.t.at(-1), at = (t) => 50 + 50 * (t - now) / SPAN_S, hour = (t) => clock.format(new Date(t * 1e3));
   const past = (course.state.length ? runs(course.t, course.state) : []).filter(([, , to]) => to > now - SPAN_S);
-  // A colour turns half-way between two times of the forecast, and ends with it.
-  const states = course.ahead_state, t = ahead && states.length ? course.ahead_t : [], middle = (i) => (t[Math.max(i - 1, 0)] + t[Math.min(i, t.length - 1)]) / 2;
-  const coming = t.map((_, i) => [states[i], middle(i), middle(i + 1)]).reduce((all, each) => {
-    if (all.length && all.at(-1)[0] === each[0]) all.at(-1)[2] = each[2]; else all.push(each);
-    return all;
-  }, []);
+  const coming = (ahead ? course.ahead_state : []).filter(([, , to]) => to > now).map(([colour, from, to]) => [colour, Math.max(from, now), to]);
   const label = (kind, t, text) => { const mark = piece(kind, at(t)); mark.textContent = text; return mark; };
-  const turn = t.find((_, i) => states[i] !== states[0]);
+  // Where the verdict begins or ends to be that the machine is ready.
+  const turn = coming.find(([colour], i) => i && (colour === "green") !== (coming[i - 1][0] === "green"))?.[1], end = Math.min(at(coming.at(-1)?.[2] ?? now), 100);
   $("strip").replaceChildren(
-    ...past.map(([colour, from, to]) => piece(`run ${colour}`, Math.max(at(from), 0), at(to))),
+    ...past.map(([colour, from, to]) => piece(at(to) - at(from) < 5 ? `run narrow ${colour}` : `run ${colour}`, Math.max(at(from), 0), at(to))),
     ...coming.map(([colour, from, to]) => piece(`run coming ${colour}`, at(from), Math.min(at(to), 100))),
+    piece("run unforeseen", end, 100),
     ...course.measured_t.filter((t) => t > now - SPAN_S).map((t) => piece("dot", at(t))),
-    piece("present", 50), label("hour first", now - SPAN_S, hour(now - SPAN_S)), label("hour", now, hour(now)),
-    ...(turn && at(turn) > 60 && at(turn) < 90 ? [label("hour", turn, hour(turn))] : []), label("hour last", now + SPAN_S, hour(now + SPAN_S)));
+    piece("present", 50), label("hour first", now - SPAN_S, hour(now - SPAN_S)), label("hour now", now, hour(now)),
+    ...(turn && at(turn) < 82 ? [piece("until", at(turn)), label("hour turn", turn, hour(turn))] : []), label("hour last", now + SPAN_S, hour(now + SPAN_S)));
   $("strip").setAttribute("aria-label", `${word("part.strip")}: ` + [...past, ...coming]
     .map(([colour, from, to]) => `${word(WORDS[colour])} ${hour(from)}\u2013${hour(to)}`).join(", "));
 };

@@ -27,6 +27,7 @@ const loadPast = async () => {
   pastTo = to;
   askedMs = performance.now();
   const wanted = to - from > 300, found = wanted ? await ask(from, to) : null;
+  put($("stored-since"), found?.t.length && found.t[0] - from > 0.05 * span() ? word("chart.stored_since").replace("{at}", time(found.t[0] * 1e3)) : "");
   if (found || !wanted) past = found; else if (pastTo === to) pastTo = null;
   redraw();
 };
@@ -77,7 +78,9 @@ const columns = () => {
     const [at, values] = trend(channel, heats), kept = at.flatMap((each, j) => each >= first ? [j] : []);
     return [kept.map((j) => at[j]), kept.map((j) => values[j])];
   });
-  return uPlot.join([[[...old.t, ...t], ...banded(line, wide), ...banded(rest, wide)],
+  // All of the chosen span is there, also what nothing is stored of.
+  const from = ended() - span(), none = old.t[0] === undefined || old.t[0] > from ? [null] : [];
+  return uPlot.join([[[...none.map(() => from), ...old.t, ...t], ...[...banded(line, wide), ...banded(rest, wide)].map((column) => [...none, ...column])],
     [[...old.measured_t, ...measured_t], [...old.measured[i], ...measured[i]]], [forecast ? course.ahead_t : [], ...later], [old.measured_t, old.measured_left[i]], ...heard]);
 };
 // The value of a series nearest to one of the joined times.

@@ -1,15 +1,15 @@
 // Where the micrometres at the tool came from over the last day: what each part of the machine moved, reason after reason.
 import { machine } from "./choice.js";
 import { $, changed, drawn, make, put } from "./elements.js";
+import { fetchPast } from "./past.js";
 import { AXES } from "./screens.js";
 import { amount, time, word } from "./words.js";
-import { axisRow, errorsThen, REST } from "./why.js";
+import { axisRow, errorsThen, giveInks, inkOf, REST } from "./why.js";
 
-const SPAN_S = 86400, LONGEST_S = 2 * 3600, MOST_ASKED = 4, PATIENCE_MS = 60e3;
-const INKS = ["c1", "c2", "c3", "c4", "c6"];
+const SPAN_S = 86400, LONGEST_S = 2 * 3600, MOST_ASKED = 4, PATIENCE_MS = 60e3, AGAIN_MS = 600e3, SOONEST_S = 1;
 // Reasons by grid index: { t, lines }
 const known = new Map();
-let view = null, open = false, asked = 0, oldest = null, asking = false, againMs = 0;
+let view = null, open = false, asked = 0, oldest = null, asking = false, againMs = 0, course = null, past = null, pastMs = -Infinity;
 const keep = (lines) => {
   for (const c of lines) {
     if (!known.has(c.k)) known.set(c.k, { t: Date.parse(c.t) / 1e3, lines: new Map() });
@@ -17,26 +17,36 @@ const keep = (lines) => {
   }
 };
 const now = () => Date.parse(view.gateway_time) / 1e3;
-// Each holds until the next, or as long as reasons usually come.
+// The errors without compensation as the chart has them, each with the last reasons before it; what has changed since
+// these belongs to the rest, so that the parts add up to the error at any time.
 const steps = () => {
-  const list = [...known.values()].sort((a, b) => a.t - b.t), from = now() - SPAN_S;
-  const all = list.map(({ t, lines }, i) => ({ from: Math.max(t, from), to: Math.min(list[i + 1]?.t ?? now(), t + LONGEST_S), errors: errorsThen([...lines.values()]) }));
-  return all.filter((each) => each.to > from);
+  const heard = course?.t ?? [], first = heard[0] ?? Infinity, from = now() - SPAN_S, stored = past ? past.t.flatMap((t, j) => t < first && t >= from ? [j] : []) : [];
+  const t = [...stored.map((j) => past.t[j]), ...heard], of = AXES.map((_, i) => [...stored.map((j) => past.without[i][j]), ...(course?.without[i] ?? [])]);
+  const gaps = t.slice(1).map((end, j) => end - t[j]).sort((a, b) => a - b), longest = 3 * (gaps[gaps.length >> 1] ?? 0);
+  const reasons = [...known.values()].sort((a, b) => a.t - b.t).map(({ t: at, lines }) => ({ t: at, rows: AXES.map((_, i) => axisRow(errorsThen([...lines.values()]), i)) }));
+  let last = -1;
+  return t.flatMap((at, j) => {
+    while (last + 1 < reasons.length && reasons[last + 1].t <= at + SOONEST_S) last++;
+    const total = of.map((column) => column[j]), told = last >= 0 && at - reasons[last].t <= LONGEST_S ? reasons[last].rows : AXES.map(() => ({ parts: [], total: 0 }));
+    if (at < from || total.includes(null)) return [];
+    return [{ from: at, to: Math.min(t[j + 1] ?? now(), at + longest), total, rows: told.map(({ parts, total: then }, i) => [...parts, { key: REST, n: total[i] - then }]) }];
+  });
 };
 const swing = (values) => Math.max(0, ...values) - Math.min(0, ...values);
 // By part: its name, and what it moved in X, Y and Z at each step. Those that moved most have a colour, all others are one.
 const parts = (shown) => {
   const found = new Map();
-  shown.forEach(({ errors }, j) => AXES.forEach((_, i) => {
-    for (const { key, n } of axisRow(errors, i).parts) {
+  shown.forEach(({ rows }, j) => AXES.forEach((_, i) => {
+    for (const { key, n } of rows[i]) {
       if (!found.has(key)) found.set(key, AXES.map(() => shown.map(() => 0)));
       found.get(key)[i][j] += n;
     }
   }));
   const most = (moved) => Math.max(...moved.map(swing));
-  const own = [...found].filter(([key]) => key !== REST).sort((a, b) => most(b[1]) - most(a[1])), others = [...own.slice(INKS.length), ...[...found].filter(([key]) => key === REST)];
+  giveInks([...found].sort((a, b) => most(b[1]) - most(a[1])).map(([key]) => key));
+  const own = [...found].filter(([key]) => inkOf(key)).sort((a, b) => most(b[1]) - most(a[1])), others = [...found].filter(([key]) => !inkOf(key));
   const sum = others.reduce((all, [, moved]) => all.map((axis, i) => axis.map((n, j) => n + moved[i][j])), AXES.map(() => shown.map(() => 0)));
-  return [...own.slice(0, INKS.length).map(([name, moved], i) => ({ name, moved, ink: INKS[i] })), ...(others.length ? [{ name: word("corrections.rest"), moved: sum, ink: "rest" }] : [])];
+  return [...own.map(([name, moved]) => ({ name, moved, ink: inkOf(name) })), ...(others.length ? [{ name: word("moves.else"), moved: sum, ink: "rest" }] : [])];
 };
 const HEIGHT = 100;
 const draw = (shown, list, i, [low, high]) => {
@@ -51,13 +61,14 @@ const draw = (shown, list, i, [low, high]) => {
     svg.append(drawn("path", { d: path, class: `fill-${ink}` }));
   }
   svg.append(drawn("path", { d: `M0 ${y(0)}H1000`, class: "nought-line" }));
+  svg.append(drawn("path", { d: shown.map((each, j) => `${j && each.from <= shown[j - 1].to ? "L" : "M"}${x(each.from)} ${y(each.total[i])}H${x(each.to)}`).join(""), class: "day-line" }));
   svg.setAttribute("aria-label", `${AXES[i]}: ` + list.map((p) => `${p.name} ${amount({ n: swing(p.moved[i]), u: "µm", d: 1 })}`).join(", "));
   return svg;
 };
 const show = () => {
   if (!open || !view || !view.gateway_time) return;
   // Drawn again for new reasons, another point or the next minute, not for each message.
-  if (!changed("day", [Math.floor(now() / 60), known.size, Math.max(...known.keys()), view.reach])) return;
+  if (!changed("day", [Math.floor(now() / 60), known.size, Math.max(...known.keys()), view.reach, past?.t.length, course?.t.at(-1)])) return;
   const shown = steps();
   $("day-empty").hidden = shown.length > 0;
   $("day-shown").hidden = !shown.length;
@@ -94,10 +105,18 @@ const fetchMore = async () => {
   show();
   fetchMore();
 };
+export const takeCourse = (c) => { course = c; show(); };
+// What the chart shows of before this page's program listened.
+const fetchErrors = async () => {
+  if (!open || !view || !view.gateway_time || performance.now() - pastMs < AGAIN_MS) return;
+  pastMs = performance.now();
+  past = (await fetchPast(now() - SPAN_S, now())).found ?? past;
+  show();
+};
 export const takeDay = (lines) => {
   keep(lines);
   for (const [k, { t }] of known) if (view && view.gateway_time && t < now() - SPAN_S - LONGEST_S) known.delete(k);
   show();
 };
-export const showDay = (v) => { view = v; show(); fetchMore(); };
-export const showDayOn = (shown) => { open = shown.screen === "why"; show(); fetchMore(); };
+export const showDay = (v) => { view = v; show(); fetchMore(); fetchErrors(); };
+export const showDayOn = (shown) => { open = shown.screen === "why"; show(); fetchMore(); fetchErrors(); };

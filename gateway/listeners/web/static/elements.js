@@ -29,7 +29,7 @@ export const named = (error, tag) => {
   return cell;
 };
 
-const colours = ["red", "grey", "amber", "green"];
+const colours = ["away", "red", "grey", "amber", "green"];
 export const paint = (place, colour) => {
   if (place.classList.contains(colour)) return;
   place.classList.remove(...colours);

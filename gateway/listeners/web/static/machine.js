@@ -24,6 +24,15 @@ const showDay = (v) => {
   if (there === null) $("report").removeAttribute("href"); else if ($("report").getAttribute("href") !== there) $("report").setAttribute("href", there);
 };
 
+// What has no room is on a next page beside the first; the wheel turns these, too.
+export const readyNext = () => {
+  const box = document.querySelector(".inside");
+  box.addEventListener("wheel", (event) => {
+    if (box.scrollWidth <= box.clientWidth || event.deltaX) return;
+    event.preventDefault();
+    box.scrollBy({ left: Math.sign(event.deltaY) * box.clientWidth });
+  }, { passive: false });
+};
 // latest: what the page shows
 export const readyDay = (latest) => $("report-day").addEventListener("change", () => {
   chosenDay = $("report-day").value !== "";
@@ -44,17 +53,19 @@ const orders = (notices) => {
   found.append(...say(notices, "notice"));
   return found;
 };
-const list = (rows, most) => {
+const list = (rows) => {
   const found = make("dl");
-  if (most) found.append(make("dt", word("moves.most"), "most-moved"), make("dd", most, "most-moved"));
   found.append(...rows.flatMap((row) => [make("dt", word(row.label)), make("dd", sentence(row.said))]));
   return found;
 };
-export const showWord = (colour, key) => {
+export const showWord = ({ colour, word: key, since, before }) => {
+  const when = since ? word(before ? "since.before" : "since.at").replace("{at}", time(since)) : "";
   paint($("ready"), colour);
   put($("word"), word(key));
   paint($("badge"), colour);
-  put($("badge").firstChild, word(key));
+  put($("badge").firstChild, when ? `${word(key)} · ${when}` : word(key));
+  put($("since"), when);
+  $("ready").dataset.word = key;
   $("word").classList.toggle("long", word(key).length > LONG_WORD);
   document.title = `${word(key)} · ${machine}`;
 };
@@ -63,7 +74,7 @@ export const showMachine = (v) => {
   const { verdict } = v, simulated = v.simulated && v.gateway_time ? new Date(v.gateway_time) : null;
   setToday(simulated);
   document.body.classList.toggle("past", !v.alive);
-  showWord(verdict.colour, verdict.word);
+  showWord(verdict);
   const heard = v.heard ? [make("span", word("page.heard").replace("{at}", exact.format(new Date(v.heard))))] : [];
   if (simulated) heard.push(...heard.length ? [make("span", " · ")] : [], make("b", word("page.simulated").replace("{at}", day.format(simulated))));
   draw("heard", [v.heard, simulated], () => heard);
@@ -74,15 +85,15 @@ export const showMachine = (v) => {
     $("because").classList.toggle("long", $("because").textContent.length > LONG);
   }
   put($("failed"), verdict.failed ? sentence(verdict.failed) : "");
-  put($("since"), verdict.since ? word(verdict.before ? "since.before" : "since.at").replace("{at}", time(verdict.since)) : "");
   showWhy(v);
-  const most = v.alive ? mostMoved() : null;
+  const most = v.alive ? mostMoved(v.tolerance_um) : null;
   const next = v.alive ? v.waits.filter((row) => NEXT.includes(row.label)) : [];
-  draw("todo", verdict.because, () => say(verdict.because.filter((each) => each.say.startsWith("do.")), "afar"));
+  draw("todo", verdict.because, () => verdict.because.filter((each) => each.say.startsWith("do.")).map((each, i) => make("p", sentence(each), i ? "" : "afar")));
   const look = verdict.failed?.values.first ? [{ ...verdict.failed, say: "do.look" }] : [];
+  put($("most"), most ?? "");
   draw("helps", [v.notices, look, verdict.helps, next, most], () => {
     const said = (far) => verdict.helps.filter((help) => AFAR.test(help.say) === far).map((help) => make("p", sentence(help), far ? "afar" : undefined));
-    return [orders([...v.notices, ...look]), ...said(true), list(next, most), ...said(false)];
+    return [orders([...v.notices, ...look]), ...said(true), ...(most ? [make("p", most, "from-where")] : []), list(next), ...said(false)];
   });
   showBars(v.axes, v.tolerance_um);
   keepTolerance(v.tolerance_um);

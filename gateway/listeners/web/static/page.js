@@ -2,17 +2,17 @@
 import { showStrip } from "./bars.js";
 import { forgetCourse, keepForecast, readyChart, showCourse, showMarks, showScreen } from "./chart.js";
 import { machine, query, queryOfAll, readyChoice } from "./choice.js";
-import { showDayOn, takeDay } from "./day.js";
+import { showDayOn, takeCourse, takeDay } from "./day.js";
 import { hideCommands, readyCommands, showCommands } from "./commands.js";
 import { $, changed, make, put, say } from "./elements.js";
-import { readyDay, showMachine, showWord } from "./machine.js";
+import { readyDay, readyNext, showMachine, showWord } from "./machine.js";
 import { readyScreens, watch } from "./screens.js";
 import { showSensitivity } from "./sensitivity.js";
 import { showBody } from "./sensors.js";
 import { stream } from "./stream.js";
 import { readyTables, showWeeks, takeCorrections, takeEvents } from "./tables.js";
 import { readyWhen } from "./when.js";
-import { readyWhy, showAxis } from "./why.js";
+import { readyWhy, showAxis, takeMoved } from "./why.js";
 import { amount, present, sentence, setPresent, time, word } from "./words.js";
 
 let latest = null, course = null, state = "heard", showAgain = () => {};
@@ -35,7 +35,7 @@ const become = (now, most) => {
   if (now === "heard") { showAgain(); return; }  // the server sends nothing again that has not changed
   const since = full ? { say: "page.full", values: { n: { n: most, d: 0 } } }
     : latest ? { say: "page.no_server", values: { at: { t: latest.shownAt } } } : { say: "page.unreached", values: {} };
-  const verdict = { colour: "grey", word: key, because: lost ? [since] : [], since: null, helps: [] };
+  const verdict = { colour: lost ? "away" : "grey", word: key, because: lost ? [since] : [], since: null, helps: [] };
   hideCommands();
   if (lost) {
     showAll();
@@ -43,7 +43,7 @@ const become = (now, most) => {
   }
   if (!machine) drawList((latest ? latest.list : []).map((each) => ({ ...each, ...UNKNOWN, ...verdict })));
   else if (latest) showMachine({ ...latest, ...UNKNOWN, verdict, ...NOTHING });
-  else if (lost) showWord("grey", key);
+  else if (lost) showWord(verdict);
   if (!lost) document.title = machine || NAME;
 };
 
@@ -97,6 +97,7 @@ if (machine) {
   readyChoice(() => { forgetCourse(); listen(); });
   readyTables();
   readyDay(() => latest);
+  readyNext();
   readyChart();
   readyWhy();
   readyWhen();
@@ -121,5 +122,7 @@ const listen = stream(address, {
     showAll();
     showStrip(c, state === "heard");
     showCourse(c);
+    takeCourse(c);
+    takeMoved(c);
   },
 }, become, early());

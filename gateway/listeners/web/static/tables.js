@@ -23,6 +23,7 @@ const showEvents = () => {
     const row = make("tr"), kindCell = make("td", word(e.kind));
     if (e.mark) kindCell.className = "kind m-" + e.mark;
     row.append(make("td", e.ended ? `${time(e.t)} – ${time(e.ended)}` : time(e.t), "when"), kindCell, make("td", sentence(e.said)));
+    if (e.do) row.lastChild.append(make("p", sentence(e.do), "do"));
     return row;
   });
   keepOffPaper(lines, EVENTS_PRINTED, $("events-left"));

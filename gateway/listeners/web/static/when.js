@@ -17,16 +17,22 @@ const picture = (branches, width, height) => {
   if (tolerance) found.push(drawn("rect", { class: "inside-zone", x: left, y: y(tolerance), width: width - left - right, height: height - bottom - y(tolerance) }));
   for (let um = 0; um < most; um += size) found.push(drawn("path", { class: "grid", d: `M${left} ${y(um)}H${width - right}` }), drawn("text", { class: "end", x: left - 5, y: y(um) + 4 }, amount({ n: um, d: 0 })));
   if (tolerance) found.push(drawn("path", { class: "limit", d: `M${left} ${y(tolerance)}H${width - right}` }));
+  // Beyond what has been checked, nothing is claimed.
+  const checked = Math.max(...branches.flatMap((b) => b.t.filter((_, j) => b.high[j] !== null)));
+  if (checked < HOURS * 3600) {
+    found.push(drawn("rect", { class: "unforeseen", x: x(checked), y: top, width: width - right - x(checked), height: height - top - bottom }));
+    if (width - right - x(checked) > 150) found.push(drawn("text", { class: "mid", x: (x(checked) + width - right) / 2, y: height - bottom - 12 }, word("scenario.unforeseen")));
+  }
+  const began = branches[0].began * 1e3;
   branches.forEach((b, i) => {
     const kind = b.load === "?" ? "asked" : STYLES[Math.min(i, STYLES.length - 1)], known = b.t.flatMap((s, j) => b.low[j] !== null && b.high[j] !== null ? [j] : []);
     const edge = (column, order) => order.map((j) => [b.t[j], column[j]]);
     if (known.length > 1) found.push(drawn("path", { class: `reach ${kind}`, d: path([...edge(b.low, known), ...edge(b.high, [...known].reverse())]) + "Z" }));
-    found.push(drawn("path", { class: `line ${kind}`, d: path(b.t.flatMap((s, j) => b.far[j] === null ? [] : [[s, b.far[j]]])) }));
-    const ready = tolerance ? known.find((j) => b.high[j] <= tolerance) : undefined;
-    if (ready) found.push(drawn("circle", { class: "ready", cx: x(b.t[ready]), cy: y(b.high[ready]), r: 5 }));
+    found.push(drawn("path", { class: `line ${kind}`, d: path(known.map((j) => [b.t[j], b.far[j]])) }));
+    if (tolerance && b.turn !== null && b.turn <= HOURS * 3600) found.push(drawn("circle", { class: "ready", cx: x(b.turn), cy: y(tolerance), r: 5 }),
+      drawn("text", { class: "turn", x: x(b.turn) + 8, y: y(tolerance) - 7 }, clock.format(began + b.turn * 1e3)));
   });
-  const now = latest?.gateway_time ? Date.parse(latest.gateway_time) : Date.now();
-  for (let s = 0; s <= HOURS * 3600; s += 1800) if (s % 3600 === 0 || width > 440) found.push(drawn("text", { class: s ? s === HOURS * 3600 ? "end" : "mid" : "", x: x(s), y: height - 6 }, clock.format(now + s * 1e3)));
+  for (let s = 0; s <= HOURS * 3600; s += 1800) if (s % 3600 === 0 || width > 440) found.push(drawn("text", { class: s ? s === HOURS * 3600 ? "end" : "mid" : "", x: x(s), y: height - 6 }, clock.format(began + s * 1e3)));
   return found;
 };
 const nameOf = (b) => b.load === "?" ? word("scenario.asked") : b.load || word("scenario.as_now");

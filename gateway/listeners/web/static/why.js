@@ -2,7 +2,6 @@
 import { machine } from "./choice.js";
 import { $, changed, make, piece, put } from "./elements.js";
 import { onMoment } from "./chart.js";
-import { heat, means } from "./model.js";
 import { AXES } from "./screens.js";
 import { amount, time, word } from "./words.js";
 
@@ -20,17 +19,21 @@ const named = (key) => key === REST ? word("heat.others") : key === LEVEL ? word
 const OWN = [REST, LEVEL, SINCE], KINDS = { [REST]: "rest", [LEVEL]: "level", [SINCE]: "since" };
 // The largest first, and then what is no input.
 const ranked = (parts) => [...parts].sort((a, b) => OWN.includes(a.key) - OWN.includes(b.key) || Math.abs(b.n) - Math.abs(a.n));
+// Each part has one colour, wherever it is drawn; those that moved most come first, and what is left over has none.
+export const INKS = ["c1", "c2", "c3", "c4", "c6"];
+const inks = new Map();
+export const inkOf = (key) => inks.get(key);
+export const giveInks = (keys) => { for (const key of keys) if (inks.size < INKS.length && !inks.has(key) && !OWN.includes(key)) inks.set(key, INKS[inks.size]); };
 // rows: [{ name, note, unit, total, parts: [{ key, n, part }], said }]; all on one scale for each unit. said: instead of parts
 const stacks = (rows) => {
-  const by = latest ? means(latest.channels) : {}, ends = {};
+  const ends = {};
   for (const { unit, parts } of rows) {
     const [low, high] = ends[unit] ?? [0, 0], sum = (sign) => parts.filter((p) => p.n * sign > 0).reduce((all, p) => all + p.n, 0);
     ends[unit] = [Math.min(low, sum(-1)), Math.max(high, sum(1))];
   }
   const dressed = (shown, p) => {
-    const degrees = by[p.part]?.mean;
-    if (degrees !== undefined && degrees !== null) shown.style.setProperty("--heat", heat(degrees)); else shown.classList.add("plain");
-    if (OWN.includes(p.key)) shown.classList.add(KINDS[p.key]);
+    const ink = inkOf(p.part ? word("body." + p.part) : p.key);
+    shown.classList.add(OWN.includes(p.key) ? KINDS[p.key] : ink ? `ink-${ink}` : "plain");
     return shown;
   };
   return rows.map(({ name, note, unit, total, parts, key, said: why }) => {
@@ -39,7 +42,7 @@ const stacks = (rows) => {
     let up = 0, down = 0;
     for (const p of [...parts].sort((a, b) => Math.abs(b.n) - Math.abs(a.n))) {
       const from = p.n > 0 ? up : down + p.n, to = from + Math.abs(p.n), shown = dressed(piece("share", at(from), at(to)), p);
-      if (to - from > 0.04 * wide * named(p.key).length) shown.append(make("b", named(p.key)));
+      if (to - from > 0.15 * wide) shown.append(make("b", named(p.key)));
       shown.title = `${named(p.key)} ${amount({ n: p.n, u: unit, d: 1, sign: true })}`;
       if (p.n > 0) up = to; else down = from;
       track.append(shown);
@@ -86,19 +89,36 @@ export const axisRow = (errors, i) => {
   }
   return { name: AXES[i], unit: "µm", total: tenths(total), key: AXES[i], parts: even([...found.values()], total) };
 };
-// The axis that is moved most now, and by what; null: not known.
-export const mostMoved = () => {
-  const rows = AXES.map((_, i) => axisRow(errorsNow(latest), i)), worst = rows.reduce((a, b) => (Math.abs(b.total) > Math.abs(a.total) ? b : a));
-  const first = ranked(worst.parts).find((p) => !OWN.includes(p.key)), said = (n) => amount({ n, d: 1, sign: true });
-  return first ? `${first.key} ${said(first.n)} (${worst.name} ${said(worst.total)}\u202fµm)` : null;
+const worstOf = (rows) => rows.reduce((a, b) => (Math.abs(b.total) > Math.abs(a.total) ? b : a));
+// Since when the error of one axis without compensation has been beyond the tolerance.
+let course = null;
+export const takeMoved = (c) => { course = c; };
+const beyondSince = (axis, tolerance) => {
+  const values = course?.without[AXES.indexOf(axis)] ?? [];
+  let first = values.length;
+  while (first && values[first - 1] !== null && Math.abs(values[first - 1]) > tolerance) first--;
+  return first === values.length || !tolerance ? "" : word(first ? "moves.most_since" : "moves.most_before").replace("{at}", time(course.t[first] * 1e3));
 };
+// The axis that would be off most now, by how much, by what, and since when; null: not known.
+export const mostMoved = (tolerance) => {
+  const worst = worstOf(AXES.map((_, i) => axisRow(errorsNow(latest), i))), first = ranked(worst.parts).find((p) => !OWN.includes(p.key));
+  const said = (n, u) => amount({ n: tenths(n), u, d: 1, sign: true });
+  if (!first) return null;
+  const values = { since: beyondSince(worst.name, tolerance), axis: worst.name, total: said(worst.total, "µm"), what: first.key, by: said(first.n), rest: said(worst.total - first.n, "µm") };
+  return word("moves.most_said").replace(/\{(\w+)\}/g, (_, name) => values[name]);
+};
+// A label that has no room in its bar is not there.
+const fitLabels = () => { for (const label of document.querySelectorAll(".stack .share b")) label.classList.toggle("spare", label.offsetWidth > label.parentNode.clientWidth); };
 const show = () => {
   if (!latest) return;
   const errors = moment === null ? errorsNow(latest) : then ?? [];
   if (!changed("why", [moment, errors, latest.reach, axis, latest.alive, time(latest.gateway_time)])) return;
-  const ofTool = (each) => each.length ? AXES.map((_, i) => axisRow(each, i)) : [], rows = ofTool(errors), none = () => [make("p", word("heat.no_reasons"), "empty")];
+  const ofTool = (each) => each.length ? AXES.map((_, i) => axisRow(each, i)) : [], rows = ofTool(errors), now = latest.alive ? ofTool(errorsNow(latest)) : [], none = () => [make("p", word("heat.no_reasons"), "empty")];
+  giveInks(ranked([...now, ...rows].flatMap((row) => row.parts)).map((p) => p.key));
   $("why-axes").replaceChildren(...(rows.length ? stacks(rows) : none()));
-  $("now-why").replaceChildren(...(latest.alive ? stacks(ofTool(errorsNow(latest))) : [make("p", word("tool.nothing"), "empty")]));
+  $("now-why").replaceChildren(...(now.length ? stacks(now) : [make("p", word("tool.nothing"), "empty")]));
+  if (now.length) $("now-why").children[now.indexOf(worstOf(now))].classList.add("worst");
+  fitLabels();
   $("drives").replaceChildren(...stacks(errorRows(errors)));
   $("drives-empty").hidden = errors.length > 0;
   $("moment-why").replaceChildren(...(rows.length ? stacks([rows[AXES.indexOf(axis)]]) : none()));
@@ -114,7 +134,7 @@ export const showWhy = (v) => {
 };
 export const showAxis = (shown) => { axis = shown.axis; show(); };
 let asking = 0;
-export const readyWhy = () => onMoment(async (t) => {
+const follow = async (t) => {
   const own = ++asking;
   moment = t;
   [then, thenAt] = [null, null];
@@ -128,4 +148,9 @@ export const readyWhy = () => onMoment(async (t) => {
   const told = lines.filter((c) => c.k === last);
   [then, thenAt] = [errorsThen(told), told[0]?.t ?? null];
   show();
-});
+};
+export const readyWhy = () => {
+  onMoment(follow);
+  const sized = new ResizeObserver(fitLabels);
+  for (const place of ["now-why", "why-axes", "moment-why"]) sized.observe($(place));
+};

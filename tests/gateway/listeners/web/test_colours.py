@@ -80,7 +80,7 @@ def ciede2000(one: FloatArray, other: FloatArray) -> float:
     return float(np.sqrt(x * x + y * y + z * z + rotation * y * z))
 
 
-STATES = ("red", "amber", "green", "grey")
+STATES = ("red", "amber", "green", "grey", "away")
 MARKS = ("bad", "note", "good")
 SERIES = ("before", "after", "measured")
 STACK = ("c1", "c2", "c3", "c4", "c6")

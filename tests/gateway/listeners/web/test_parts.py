@@ -8,7 +8,7 @@ import pytest
 from gateway.listeners.web import parts
 from gateway.listeners.web.sentences import Amount, Atom, SaidRow, Sentence, ToldName, at, in_each
 from gateway.model.codes import NoticeCode
-from gateway.model.text import Text, json_of
+from gateway.model.text import Text, json_of, texts
 from gateway.model.wording import finding_text
 from gateway.telemetry.messages import PublishedReason, ReasonsMessage, SensorFinding
 from tests.benches.heard import BEGAN, STEP, HeardMachine
@@ -126,6 +126,25 @@ def test_a_problem_and_its_end_are_one_line_and_what_lasts_comes_first() -> None
         (a2, a2_end, "good"),
         (a1, a1_end, "good"),
     ]
+
+
+def test_every_problem_that_lasts_says_what_to_do_and_none_that_has_ended() -> None:
+    for code in NoticeCode:
+        heard = HeardMachine()
+        heard.event(subject="s", code=code)
+        heard.event(subject="around", code=NoticeCode.INTERMITTENT, problem={"code": code, "values": {}})
+        for shown in parts.events(heard.seen):
+            assert (code in parts.TOLD_WITH_REMEDY) == (shown.do is None), code
+            assert shown.do is None or shown.do.say in texts("en")
+    heard.event("problem_ended", subject="s")
+    assert [shown.do for shown in parts.events(heard.seen) if shown.ended] == [None]
+
+
+def test_a_failed_bus_says_where_to_look() -> None:
+    heard = HeardMachine()
+    bus = Text(NoticeCode.BUS, name="rtu1")
+    heard.event(subject=json_of({"": bus})[""])
+    assert parts.events(heard.seen)[0].do == Sentence("do.look", {"first": in_each(bus)})
 
 
 def test_channels_without_a_value_stand_beside_the_verdict() -> None:
