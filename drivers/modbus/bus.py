@@ -30,7 +30,7 @@ from drivers.modbus.frames import (
 from drivers.modbus.numbers import BIT_FUNCTIONS, Block
 from drivers.modbus.refusals import is_busy, is_target_silent, refusal
 from drivers.modbus.requests import Came, Requests
-from drivers.modbus.settings import AskedSettings, ModbusTcpSettings, ServerSettings
+from drivers.modbus.settings import LONGEST_SETTLE_S, AskedSettings, ModbusTcpSettings, ServerSettings
 from drivers.patience import Patience
 from drivers.rests import Rests
 from drivers.tap import Tap
@@ -113,8 +113,9 @@ class ModbusBus(StreamBus, ABC):
 
     def learnt(self) -> Collection[Text]:
         """What is certain and not stated: when it may be asked, each with the key that states it."""
-        if (mute_s := self._rests.mute_s) > self._settings.settle_s and self.reopens:
-            self._learn("modbus_mute", 0, settle_s=ceil(10 * mute_s) / 10)
+        mute_s = ceil(10 * self._rests.mute_s) / 10
+        if self._settings.settle_s < mute_s <= LONGEST_SETTLE_S and self.reopens:
+            self._learn("modbus_mute", 0, settle_s=mute_s)
         for unit, rest_s in self._rests.needed_s.items():
             self._learn("needs_rest", unit, rest_ms=round(1e3 * rest_s))
         return self._learnt.values()

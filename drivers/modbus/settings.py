@@ -7,11 +7,13 @@ from pydantic import Field
 from drivers.bus_settings import BusSettings, HostSettings, SerialSettings, Telegrams
 from drivers.section import Port, Section
 
+LONGEST_SETTLE_S = 8.0
+
 
 class AskedSettings(BusSettings):
     """Any bus whose units are asked."""
 
-    settle_s: float = Field(default=0.0, ge=0, le=8)
+    settle_s: float = Field(default=0.0, ge=0, le=LONGEST_SETTLE_S)
     """After connecting nothing is asked for this long, where a device ignores what comes sooner."""
     rest_ms: int = Field(default=0, ge=0, le=2000)
     """After each answer nothing is asked for this long, where a converter or server needs it; a unit's own `rest_ms` is

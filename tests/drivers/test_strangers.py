@@ -55,6 +55,14 @@ def test_canopen_nodes(seed: int) -> None:
     assert not list(trial.problems()), trial.nature
 
 
+@pytest.mark.parametrize("behind", [1, -1])
+def test_one_that_keeps_an_answer_for_longer_than_any_is_late(behind: int) -> None:
+    """It comes at the next request, half a minute later, and looks like the answer to that."""
+    trial = Trial(Nature("rtu", blocks=2, behind=behind, period_s=30.0, timeout_s=1.2), 1)
+    trial.run()
+    assert not trial.wrong
+
+
 @pytest.mark.parametrize("nature", SLOW, ids=str)
 def test_those_that_are_slower_than_they_may_be(nature: Nature) -> None:
     trial = Trial(nature, 1)
