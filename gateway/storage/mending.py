@@ -80,10 +80,11 @@ def mend(path: Path, why: str, now: datetime, known: Known) -> Text:
         path.rename(aside)
     new.replace(path)
     kept = ", ".join(f"{counts[table]} of {table}" for table in _LEARNT)
+    coded = isinstance(why, Text) and why.code
+    told: dict[str, Value] = {"path": str(path), "why": why if coded else " ".join(why.split()), "aside": aside.name}
     if copied:
-        told_why = " ".join(why.split())
-        return Text(NoticeCode.STORE_FROM_COPY, path=str(path), why=told_why, aside=aside.name)
-    told: dict[str, Value] = {"path": str(path), "why": " ".join(why.split()), "aside": aside.name, "kept": kept}
+        return Text(NoticeCode.STORE_FROM_COPY, **told)
+    told["kept"] = kept
     if lost:
         return Text(NoticeCode.STORE_BEGUN_LOST if begun else NoticeCode.STORE_MENDED_LOST, **told, lost=lost)
     return Text(NoticeCode.STORE_BEGUN if begun else NoticeCode.STORE_MENDED, **told)

@@ -1,4 +1,4 @@
-"""Checks that the open database is still at its path, and that neither it nor its log has been cut."""
+"""Checks that the database is still at its path, and that neither it nor its log has been cut."""
 
 import os
 import struct
@@ -63,19 +63,35 @@ def check_log(path: Path) -> None:
     Raises DamagedError.
     """
     with suppress(OSError):
-        index = _index_of(path)
-        before = b"" if index is None else os.pread(index, _INDEX_HEADER, 0)
-        if index is None or len(before) < _INDEX_HEADER:
-            return
-        made, page, frames = _INDEX.unpack_from(before)
-        if not made or not frames:
-            return
-        expected = _LOG_HEADER + frames * (_FRAME_HEADER + (page & 0xFE00) + ((page & 1) << 16))
-        with path.with_name(path.name + "-wal").open("rb") as log:
-            size, begin = os.fstat(log.fileno()).st_size, log.read(4)
-        whole = size >= expected and begin in _LOG_MAGIC
-        if not whole and os.pread(index, _INDEX_HEADER, 0) == before:
-            raise DamagedError(Text(NoticeCode.DATABASE_LOG_CUT, bytes=size, expected=expected))
+        if (index := _index_of(path)) is not None:
+            _compare(index, path, NoticeCode.DATABASE_LOG_CUT)
+
+
+def check_log_left(path: Path) -> None:
+    """The same of what a run left that was killed, before this process opens the database: SQLite then makes the index
+    anew, and takes a log that was cut for one that ends there.
+
+    Raises DamagedError.
+    """
+    with suppress(OSError):
+        if _index_of(path) is None:
+            with path.with_name(path.name + "-shm").open("rb") as index:
+                _compare(index.fileno(), path, NoticeCode.DATABASE_LOG_LEFT_CUT)
+
+
+def _compare(index: int, path: Path, cut: NoticeCode) -> None:
+    before = os.pread(index, _INDEX_HEADER, 0)
+    if len(before) < _INDEX_HEADER:
+        return
+    made, page, frames = _INDEX.unpack_from(before)
+    if not made or not frames:
+        return
+    expected = _LOG_HEADER + frames * (_FRAME_HEADER + (page & 0xFE00) + ((page & 1) << 16))
+    with path.with_name(path.name + "-wal").open("rb") as log:
+        size, begin = os.fstat(log.fileno()).st_size, log.read(4)
+    whole = size >= expected and begin in _LOG_MAGIC
+    if not whole and os.pread(index, _INDEX_HEADER, 0) == before:
+        raise DamagedError(Text(cut, bytes=size, expected=expected))
 
 
 def _index_of(path: Path) -> int | None:

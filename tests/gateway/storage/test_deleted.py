@@ -2,6 +2,7 @@
 
 import multiprocessing
 import os
+import shutil
 import sqlite3
 from collections.abc import Callable
 from contextlib import closing
@@ -9,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from gateway.model.codes import NoticeCode
 from gateway.model.events import DecisionMade, FrameMade, MeasurementEnded, ReadingsTaken
 from gateway.storage.damage import damage_found
 from gateway.storage.faults import StoreError
@@ -157,6 +159,35 @@ def test_a_log_that_is_cut_in_place_is_noticed(left: int | None, tmp_path: Path)
         assert [m.number for m in history.measurements()] == [example.OUTCOME.number], "the reference of all others"
     assert not damage_found(path)
     assert len(list(tmp_path.glob("g.sqlite.damaged-*"))) >= 1
+
+
+@pytest.mark.parametrize("left", [0, 32 + 24 + 4096, None])
+def test_a_log_that_was_cut_after_a_kill_is_noticed_by_the_next_start(left: int | None, tmp_path: Path) -> None:
+    """None: it is whole."""
+    path, killed = tmp_path / "g.sqlite", tmp_path / "killed" / "g.sqlite"
+    with store_at(path) as store:
+        store.begin("{}", "hash", "versions")
+        store.record(MeasurementEnded(example.OUTCOME))
+        make(store, 0)
+    with store_at(path) as store:
+        store.begin("{}", "hash", "versions")
+        for k in range(1, 20):
+            make(store, k)
+        store.flush()
+        killed.parent.mkdir()
+        for ending in ("", "-wal", "-shm"):
+            shutil.copy(f"{path}{ending}", f"{killed}{ending}")
+    if left is not None:
+        os.truncate(f"{killed}-wal", left)
+    with store_at(killed) as store:
+        store.begin("{}", "hash", "versions")
+        told = store.health.mended
+        assert told == "" if left is None else told.says(NoticeCode.DATABASE_LOG_LEFT_CUT), told
+        make(store, 20)
+        store.flush()
+    with History(killed) as history:
+        assert [found.frame.k for found in history.steps()] == [*range(1 if left is not None else 20), 20]
+    assert not damage_found(killed)
 
 
 def test_a_log_that_another_program_empties_in_order_stays(tmp_path: Path) -> None:
