@@ -18,8 +18,8 @@
 #include <atomic>
 
 namespace {
-std::atomic<int> fault{0}, refused{0}, calls{0}, begins{0}, kind{0}, lasts{0}, hang_ms{0}, paused{0}, only{0};
-constexpr int hangs = -1, hangs_once = -2, kills = -3;
+std::atomic<int> fault{0}, refused{0}, calls{0}, begins{0}, kind{0}, lasts{0}, paused{0}, only{0};
+constexpr int hangs = -1, kills = -3;
 constexpr size_t most_names = 1 << 16;
 char names[most_names];  // first letters of the calls so far
 
@@ -57,12 +57,6 @@ bool fails_now(char name) {
   int number = ++calls;
   if (size_t(number) <= most_names) names[number - 1] = name;
   if (begins != 0 && number >= begins && (lasts || number == begins)) {
-    if (kind == hangs_once) {
-      if (name != 's' || refused != 0) return false;
-      ++refused;
-      usleep(1000 * hang_ms);
-      return false;
-    }
     if (kind == kills) kill(getpid(), SIGKILL);
     ++refused;
     errno = kind;
@@ -91,11 +85,10 @@ void set_disk_fault(int number, int kind_of_call) {
   fault = number;
 }
 int disk_faults() { return refused; }
-// Fails from the n-th call on, or only at that call. error: its number, or -2: the next synchronisation lasts that long
-// (with lasting = 1), or -3: the process is killed before the call.
-void fail_from(int number, int error, int lasting, int milliseconds) {
+// Fails from the n-th call on, or only at that call. error: its number, or -3: the process is killed before the call.
+void fail_from(int number, int error, int lasting) {
   calls = refused = 0;
-  kind = error, lasts = lasting, hang_ms = milliseconds;
+  kind = error, lasts = lasting;
   begins = number;
 }
 // While it is 1, calls are neither counted nor refused.

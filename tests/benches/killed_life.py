@@ -14,6 +14,8 @@ from unittest.mock import patch
 import numpy as np
 
 from drivers.nc import NcSnapshot, RequestStatus
+from gateway.config.extended import validate
+from gateway.config.model import GatewayConfig
 from gateway.control.restart.earlier import earlier_run
 from gateway.control.restart.snapshots import SnapshotKeeper
 from gateway.model.events import DecisionMade, Events, GatewayEvent
@@ -25,7 +27,6 @@ from talc.control import Controller
 from talc.frame import Decision, Frame
 from tests.benches import idle_loop
 from tests.benches.death import PROBING, Death
-from tests.benches.disk_life import config_in
 from tests.benches.emulated_bench import expected_deviation_um
 from tests.benches.in_process_nc import WithoutDryRun
 from tests.benches.outlives import KeptNck, SharedMemory
@@ -37,6 +38,39 @@ PERIOD_S = 10.0
 _STEP_S, _STEPS_A_LIFE, _STEPS_A_SNAPSHOT = 300.0, 4, 6
 _MOMENTS_OF_A_REQUEST = 10
 """Out of about 45 moments of a cycle, so that many gateways die just after the number has reached the control."""
+
+
+def _config_in(folder: Path) -> GatewayConfig:
+    """A gateway without devices; its inputs are states of the control."""
+    return validate(
+        {
+            "machine": {"name": "mill"},
+            "telemetry": {"enabled": False},
+            "storage": {
+                "path": str(folder / "g.sqlite"),
+                "compensate_unstored": True,
+                "unstored_after_s": 1e-6,
+                "warn_free_mb": 0.0,
+            },
+            "nc": {
+                "kind": "sinumerik",
+                "url": "opc.tcp://127.0.0.1:4840",
+                "security": "none",
+                "period_s": PERIOD_S,
+            },
+            "grid": {"step_s": _STEP_S},
+            "probing": {
+                "armed": True,
+                "lead_s": 200.0,
+                "poll_s": 10.0,
+                "reference_cycles": 1,
+                "prefer_idle_s": 0.0,
+                "dry_run": "not offered",
+            },
+            "compensation": {"mode": "compensate", "watchdog_s": 60.0},
+            "talc": {"learner": {"shortest_interval_steps": 1, "longest_interval_steps": 2}},
+        }
+    )
 
 
 class SwingingPlant:
@@ -81,7 +115,7 @@ class GatewayLife:
     """One run of a gateway on what the earlier ones left, in its own process."""
 
     def __init__(self, folder: Path, memory: SharedMemory, number: int, death: Death, draw: random.Random) -> None:
-        self._config, self._name = config_in(folder, continues=True), f"life {number}"
+        self._config, self._name = _config_in(folder), f"life {number}"
         self._memory, self._death, self._draw = memory, death, draw
         self._left, self._clock = memory.kept(), WireClock()
         self._first = len(self._left.decided)

@@ -95,7 +95,7 @@ class KilledMachine:
 
     def rehearse(self) -> None:
         """A life in this process, of which the next ones are forks."""
-        self._disk.fail_from(0, 0, 0, 0)
+        self._disk.fail_from(0, 0, 0)
         GatewayLife(self._folder, self._memory, self._lives, Death(WRITING, 0), self._draw).live()
         assert threading.active_count() == 1, threading.enumerate()
         freeze_gc()
@@ -103,7 +103,7 @@ class KilledMachine:
     def _child(self, phase: str | None, at: int, write: int) -> None:
         """Does not return."""
         wrong, death = "", Death(phase, at)
-        self._disk.fail_from(at if phase == WRITING else 0, _KILLS, 0, 0)
+        self._disk.fail_from(at if phase == WRITING else 0, _KILLS, 0)
         try:
             GatewayLife(self._folder, self._memory, self._lives, death, self._draw).live()
         except BaseException as error:  # noqa: BLE001 - whatever it is, it is the result

@@ -31,7 +31,7 @@ def step(k: int) -> tuple[Frame, Decision]:
 
 def main(path: Path, first: int, killed_at: int) -> None:
     clock = SystemClock()
-    ctypes.CDLL(None).fail_from(killed_at, _KILLS, 0, 0)
+    ctypes.CDLL(None).fail_from(killed_at, _KILLS, 0)
     with Store(path, f"boot{first}", clock, commit_s=0.01) as store:
         store.begin("{}", "hash", "versions")
         for k in count(first):

@@ -36,6 +36,10 @@ class DrivenLoop(asyncio.BaseEventLoop):
         self._clock_resolution = 1e-9
         self._selector = self
         self.hosts: dict[str, Host] = {}
+        self.before_time_passes: Callable[[], None] = lambda: None
+        self.is_cut = False
+        """Whether no host can be reached, as for a program that has been killed."""
+        self._lines: list[Line] = []
 
     def time(self) -> float:
         return self._now_s
@@ -45,6 +49,8 @@ class DrivenLoop(asyncio.BaseEventLoop):
         self._turns += 1
         if timeout is None or self._turns > _MOST_TURNS:
             raise RuntimeError("nothing will ever happen" if timeout is None else "something asks without waiting")
+        if timeout > 0:
+            self.before_time_passes()
         self._now_s += timeout
         return []
 
@@ -54,13 +60,31 @@ class DrivenLoop(asyncio.BaseEventLoop):
     def _write_to_self(self) -> None:
         """No other thread wakes it."""
 
+    def cut(self) -> None:
+        """End all connections, and let no new one come about."""
+        self.is_cut = True
+        for line in self._lines:
+            line.hang_up()
+
+    def run_in_executor(  # type: ignore[override]
+        self, _: Any, work: Callable[..., Any], *given: Any
+    ) -> asyncio.Future[Any]:
+        """Work for a thread is done at once, and takes no time."""
+        done = self.create_future()
+        try:
+            done.set_result(work(*given))
+        except Exception as error:  # noqa: BLE001 - raised where it is waited for
+            done.set_exception(error)
+        return done
+
     async def create_connection(self, factory: Callable[[], Any], host: str, _: int, **__: Any) -> Any:  # type: ignore[override]
         """Connect to one of the hosts. Raises ConnectionRefusedError."""
         await asyncio.sleep(0.001)
         served = self.hosts[host]
-        if served.refuses:
+        if served.refuses or self.is_cut:
             raise ConnectionRefusedError(111, "Connection refused")
         line = Line(self, factory(), served)
+        self._lines = [*(one for one in self._lines if one.is_open), line]
         served.connected(line)
         return line, line.protocol
 

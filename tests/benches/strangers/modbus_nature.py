@@ -132,18 +132,20 @@ class Memory:
     unit: int
     places: Mapping[tuple[int, int], int] = field(default_factory=dict)
     """Function and address of each register, to its number 0..7."""
+    per_s: float = 100.0
+    """The resolution of the time that it tells."""
 
     def word(self, function: int, address: int, at_s: float) -> int | None:
         """None: it has no such register."""
         number = self.places.get((function, address))
-        return None if number is None else (self.unit - 1) << 15 | number << 12 | round(at_s * 100) % 4096
+        return None if number is None else (self.unit - 1) << 15 | number << 12 | round(at_s * self.per_s) % 4096
 
 
 def told(word: int) -> tuple[int, int, int]:
-    """Unit, number of the register, hundredths of a second modulo 4096."""
+    """Unit, number of the register, and when it was measured, in parts of a second (`Memory.per_s`) modulo 4096."""
     return (word >> 15) + 1, word >> 12 & 7, word & 4095
 
 
-def age_s(word: int, now_s: float) -> float:
-    """How long ago it was measured, less than 41 s."""
-    return (round(now_s * 100) - told(word)[2]) % 4096 / 100
+def age_s(word: int, now_s: float, per_s: float = 100.0) -> float:
+    """How long ago it was measured, modulo 4096 parts of a second."""
+    return (round(now_s * per_s) - told(word)[2]) % 4096 / per_s

@@ -32,14 +32,15 @@ _STEP_S = 0.02
 _FUNCTIONS_AND_ADDRESSES = ((4, 0), (4, 200), (3, 0))
 
 
-def _blocks(nature: Nature) -> Sequence[tuple[int, int, int]]:
+def blocks_of(nature: Nature) -> Sequence[tuple[int, int, int]]:
     """Function, address and channels of each."""
     places = _FUNCTIONS_AND_ADDRESSES[: nature.blocks]
     return [(f, a, 2 if nature.alike or i == 0 else 1) for i, (f, a) in enumerate(places)]
 
 
 @cache
-def _profile(blocks: tuple[tuple[int, int, int], ...]) -> str:
+def profile_of(blocks: tuple[tuple[int, int, int], ...]) -> str:
+    """The path of a profile with these blocks."""
     path = Path(tempfile.mkdtemp(prefix="strangers")) / "blocks.toml"
     text = 'protocol = "modbus"\ntitle = "some blocks"\nbuses = ["modbus_rtu", "modbus_tcp"]\nunit = "1"\n'
     for function, address, channels in blocks:
@@ -48,9 +49,10 @@ def _profile(blocks: tuple[tuple[int, int, int], ...]) -> str:
     return str(path)
 
 
-def _memory(nature: Nature, unit: int) -> Memory:
-    places = ((f, a + i) for f, a, channels in _blocks(nature) for i in range(channels))
-    return Memory(unit, {place: number for number, place in enumerate(places)})
+def memory_of(nature: Nature, unit: int, per_s: float = 100.0) -> Memory:
+    """The registers of a unit. per_s: resolution of the time that they tell"""
+    places = ((f, a + i) for f, a, channels in blocks_of(nature) for i in range(channels))
+    return Memory(unit, {place: number for number, place in enumerate(places)}, per_s)
 
 
 class Trial:
@@ -70,7 +72,7 @@ class Trial:
         self.plain: list[dict[int, float]] = []
 
     def _host(self, loop: DrivenLoop) -> None:
-        memories = {unit: _memory(self.nature, unit) for unit in self.units}
+        memories = {unit: memory_of(self.nature, unit) for unit in self.units}
         loop.hosts["host"] = ForeignModbus(loop, self.nature, memories, random.Random(self.seed))
 
     def run(self) -> None:
@@ -82,7 +84,7 @@ class Trial:
         asked: dict[Wanted, int] = {}
         for unit in self.units:
             number = 0
-            for function, address, channels in _blocks(self.nature):
+            for function, address, channels in blocks_of(self.nature):
                 asked[unit, function, address, channels] = number
                 number += channels
         self.plain = await plainly_read(
@@ -95,10 +97,10 @@ class Trial:
         kind = "modbus_tcp" if nature.wire == "tcp" else "modbus_rtu_tcp"
         options = {"transaction_id": "ignore"} if self.ignores_numbers else {}
         bus = make_bus("bus", kind, {"host": "host", "port": 502, "timeout_s": nature.timeout_s, **options})
-        profile = _profile(tuple(_blocks(nature)))
+        profile = profile_of(tuple(blocks_of(nature)))
         drivers = []
         for unit in self.units:
-            channels = {f"{unit}.{i}": i for i in range(sum(b[2] for b in _blocks(nature)))}
+            channels = {f"{unit}.{i}": i for i in range(sum(b[2] for b in blocks_of(nature)))}
             drivers.append(make_device(f"d{unit}", bus, profile, unit, channels, {}, clock))
             self.good.update((name, []) for name in channels)
         last_s = dict.fromkeys(self.units, began_s)
