@@ -165,7 +165,7 @@ async def test_the_length_of_the_tool_in_use_shifts_the_positions_and_reaches_th
     read: dict[str, Any] = {"nodes": Paths(tool_length="/Channel/State/actToolLength1[u1]"), "origin_tool_mm": 80.0}
     program_with_tool = errors_program(settings().model_copy(update=read), TERMS)
     async with control(program(), **read) as (_, nc, _):
-        with pytest.raises(Refused, match="takes tools longer by -300 mm, the configuration by 300"):
+        with pytest.raises(Refused, match=r"-300 mm .* 300 mm"):
             await nc.connect()
     async with control(program_with_tool, **read) as (emulated, nc, clock):
         await nc.connect()
@@ -193,7 +193,7 @@ async def test_a_program_that_reads_the_length_of_the_tool_needs_no_node_and_an_
         nc,
         _,
     ):
-        with pytest.raises(Refused, match="takes tools longer by -300 mm, the configuration by 300"):
+        with pytest.raises(Refused, match=r"-300 mm .* 300 mm"):
             await nc.connect()
     async with control(program()) as (emulated, nc, clock):
         await nc.connect()
