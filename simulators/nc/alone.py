@@ -80,12 +80,12 @@ class ControlTold:
         lines = []
         owner, watch = nck.r[R_OWNER], nck.r[R_WATCH]
         if owner != self._owner:
-            lines.append(f"claimed by gateway {owner:.0f} (R93)" if owner else f"gateway {self._owner:.0f} has left")
+            lines.append(f"claimed by gateway {owner:.0f} (R93)" if owner else f"released by gateway {self._owner:.0f}")
         if watch != self._watch and watch == WatchState.ALIVE:
-            lines.append("the watchdog hears the gateway's beat (R96 = 1): offsets may be written")
+            lines.append("the watchdog receives the gateway's beat (R96 = 1): offsets may be written")
         elif watch != self._watch and watch == WatchState.SILENT:
             why = f"no beat for {nck.r[R_SILENCE]:g} s" if owner else "nobody has claimed the control"
-            lines.append(f"the watchdog hears nothing (R96 = 2), {why}: it takes the offsets back")
+            lines.append(f"the watchdog receives nothing (R96 = 2), {why}: it takes the offsets back")
         self._owner, self._watch = owner, watch
         return lines
 

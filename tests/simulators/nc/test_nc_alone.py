@@ -130,7 +130,7 @@ def chosen() -> str:
 
 def hears_nothing(lines: list[str]) -> bool:
     """The last line that the watchdog printed."""
-    return "hears nothing" in [line for line in lines if "the watchdog hears" in line][-1]
+    return "receives nothing" in [line for line in lines if "the watchdog receives" in line][-1]
 
 
 @pytest.mark.slow
@@ -223,7 +223,7 @@ def test_what_a_gateway_does_is_reported_once() -> None:
         nck.write_r(number, value, 1.0)
     assert news(1.0) == [
         "claimed by gateway 7 (R93)",
-        "the watchdog hears the gateway's beat (R96 = 1): offsets may be written",
+        "the watchdog receives the gateway's beat (R96 = 1): offsets may be written",
     ]
     nck.write_k0(2, -0.004, 2.0)
     assert news(2.0) == ["the tool is shifted by X +0.0, Y +0.0, Z +4.0 µm"]
@@ -235,12 +235,12 @@ def test_what_a_gateway_does_is_reported_once() -> None:
     nck.set_mode(JOG, 7.0)
     assert news(7.0) == ["probing cycle 5 is failed (R65 = 5): wrong mode (R66 = 3)"]
     assert news(12.0) == [
-        "the watchdog hears nothing (R96 = 2), no beat for 10 s: it takes the offsets back",
+        "the watchdog receives nothing (R96 = 2), no beat for 10 s: it takes the offsets back",
         "the tool is shifted by X +0.0, Y +0.0, Z +3.1 µm",
     ]
     assert news(20.0) == ["the tool is shifted by X +0.0, Y +0.0, Z +0.0 µm"]
     nck.write_r(R_OWNER, 0.0, 21.0)
-    assert news(21.0) == ["gateway 7 has left"]
+    assert news(21.0) == ["released by gateway 7"]
 
 
 def test_the_table_moves_from_the_end_of_the_reference_on() -> None:
