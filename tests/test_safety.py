@@ -255,6 +255,26 @@ BROKEN: dict[str, tuple[str, Break]] = {
         "gateway.nc.writer:OffsetWriter._is_mine",
         gives("True"),
     ),
+    "a_cycle_in_which_the_control_did_not_hear_the_gateway_makes_no_measurement[False-rejected]": (
+        "gateway.nc.hold:HeldOffsets.still",
+        always("watched"),
+    ),
+    "a_ramp_that_waited_for_a_cycle_begins_from_what_is_in_force_then": (
+        "gateway.nc.writer:OffsetWriter._is_begun",
+        only_first("min"),
+    ),
+    "stopped_while_it_is_disarmed_it_takes_them_to_zero_also_with_hold": (
+        "gateway.nc.link:NcLink._take_back",
+        always("disarmed"),
+    ),
+    "disarming_waits_for_no_other_command_and_counts_after_those_that_came_before_it": (
+        "gateway.service.command_taker:CommandTaker.take",
+        never("UNPROVED"),
+    ),
+    "a_step_says_when_the_control_cannot_be_reached_any_more": (
+        "gateway.nc.link:NcLink._cycle",
+        never("latest"),
+    ),
     "no_ramp_begins_from_a_spoilt_answer": (
         "gateway.nc.writer:OffsetWriter._is_begun",
         gives("True"),

@@ -87,6 +87,7 @@ class NoticeCode(StrEnum):
     GATEWAY_IS = "gateway_is"
     NUMBER_NOT_STORED = "number_not_stored"
     OFFSETS_MOVED = "offsets_moved"
+    OFFSETS_UNWATCHED = "offsets_unwatched"
     CYCLE_VOID = "cycle_void"
     RESULT_NO_POINTS = "result_no_points"
     RESULT_COUNT = "result_count"

@@ -19,6 +19,8 @@ class Source(StrEnum):
     """The control is probing."""
     NOT_READY = "not_ready"
     """Emergency stop, drives off, axes not referenced."""
+    AWAY = "away"
+    """The control cannot be reached: its watchdog decides what is in force."""
     STOPPED = "stopped"
     UNANSWERED = "unanswered"
     """A write without an answer may still arrive."""

@@ -19,6 +19,8 @@ class HeldOffsets:
 
     def __init__(self, form: Form, clock: ServiceClock, coefficients: FloatArray) -> None:
         self._form, self._clock, self.coefficients = form, clock, coefficients
+        self.watched = True
+        """Whether the control has heard this gateway all the time."""
 
     @property
     def any(self) -> bool:
@@ -34,6 +36,8 @@ class HeldOffsets:
         if differ(now, self.coefficients):
             before = offsets_text(self.coefficients)
             raise Rejected(Text(NoticeCode.OFFSETS_MOVED, before=before, now=offsets_text(now)))
+        if self._form.together and self.any and not self.watched:  # it let the shift follow the position meanwhile
+            raise Rejected(Text(NoticeCode.OFFSETS_UNWATCHED))
 
 
 class Hold:
@@ -42,6 +46,7 @@ class Hold:
     def __init__(self, form: Form, clock: ServiceClock) -> None:
         self._form, self._clock = form, clock
         self._on = False
+        self._held: HeldOffsets | None = None
         self.writing = asyncio.Lock()
         """Locked by a step while it is decided and written."""
 
@@ -50,13 +55,19 @@ class Hold:
         """Whether a cycle of this gateway holds the offsets."""
         return self._on
 
+    def unheard(self) -> None:
+        """The control has not heard this gateway for a while."""
+        if self._held is not None:
+            self._held.watched = False
+
     async def begin(self) -> HeldOffsets:
         """From now on no step begins until `end`. Raises DriverError."""
         async with self.writing:  # wait for a write in progress, or the read would not return what stays in force
             self._on = True
             with self._clock.hold():
-                return HeldOffsets(self._form, self._clock, await to_its_end(self._form.read()))
+                self._held = HeldOffsets(self._form, self._clock, await to_its_end(self._form.read()))
+        return self._held
 
     def end(self) -> None:
         """Steps continue."""
-        self._on = False
+        self._on, self._held = False, None

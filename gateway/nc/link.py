@@ -9,6 +9,8 @@ from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import AsyncExitStack
 from typing import assert_never
 
+import numpy as np
+
 from drivers.base import DriverError, Quality
 from drivers.nc import FollowsErrors, ForgetsWrites, MarksPath, NcSnapshot, NumericalControl, RunsDry
 from gateway.model.codes import NoticeCode
@@ -238,7 +240,10 @@ class NcLink:
         except DriverError as error:
             self._state = after(STATES, self._state, Condition.LOST)
             self._lease.lost()
+            latest = self._session.latest
             await self._session.lost(error, due_s)
+            if latest is not None and self._lease.armed:
+                self._writer.lost(latest, self._k)
             return
         self._session.works()
 
@@ -310,6 +315,7 @@ class NcLink:
         heard = await self._lease.beat()
         if not heard:
             # The watchdog may have moved the offsets. This beat stops it, so continue from what is read now.
+            self._hold.unheard()
             await self._writer.begin()
         return heard
 
@@ -344,7 +350,7 @@ class NcLink:
     # The end ---------------------------------------------------------------------------------------------------------
 
     async def _take_back(self) -> None:
-        if not self.armed or self._when_stale != "zero":
+        if not self.armed or (self._when_stale != "zero" and self.disarmed is None):
             return
         if not self._writer.knows:
             await self._writer.begin()
@@ -359,7 +365,8 @@ class NcLink:
             if snapshot.ready is False:
                 self._writer.stand(now, snapshot, Source.NOT_READY, self._k)
                 return  # no offset can be written now: leave this to the watchdog too
-            await self._writer.follow(now, snapshot, None, Source.STOPPED, self._k, send=True)
+            zero = self._form.wanted(np.zeros(len(THERMAL_ERRORS)), positions(snapshot), self._probe.radius_m)
+            await self._writer.follow(now, snapshot, zero, Source.STOPPED, self._k, send=True)
 
     async def _try(self, part: Callable[[], Awaitable[None]]) -> None:
         try:

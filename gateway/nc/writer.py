@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,6 +20,8 @@ from talc.frame import FloatArray
 
 _READINGS = 3
 """So many must agree before a ramp begins: nothing else tells a spoilt one, and two can be alike."""
+_FADES = 2
+"""For so many periods at most a watchdog that a beat has stopped may still take something away."""
 _LATE_S = 10.0
 """A write without an answer may still arrive for at least this long. Until then the offsets stand where it would find
 them, so that it is a step of one period's slew at most."""
@@ -119,6 +122,11 @@ class OffsetWriter:
         """A step that changes nothing and is not sent."""
         self._record(self._begun.freeze(now_s, self._here(snapshot), source), snapshot, k)
 
+    def lost(self, snapshot: NcSnapshot, k: int | None) -> None:
+        """The connection is lost: whoever follows the steps must not take the last one to be in force still."""
+        if self._last_step is not None:
+            self._record(replace(self._last_step, source=Source.AWAY), snapshot, k)
+
     async def follow(
         self,
         now_s: float,
@@ -195,7 +203,8 @@ class OffsetWriter:
         at_s, before = self._begun_at
         found = [await self._form.read() for _ in range(_READINGS - 1)]
         self._lease.check_fresh()
-        most_um = self._settings.slew_um_per_s * (self._clock.monotonic() - at_s)
+        # The beat before it has stopped a watchdog; since long ago, only somebody else may have moved them.
+        most_um = self._settings.slew_um_per_s * min(self._clock.monotonic() - at_s, _FADES * self._period)
         if not any(differ(reading, before, most_um) for reading in found):
             return True
         self._begin_at(found[-1])

@@ -81,16 +81,20 @@ class CommandTaker:
 
     async def take(self, command: Command, refused: Text = NOTHING) -> CommandOutcome:
         """Obey, or refuse. refused: why this person may not give it, or nobody proved to be one; empty: they may."""
+        at, stands = self._clock.utc(), self._stands(command)
+        at_once: tuple[bool, Text] | None = None
+        if command.name in BY_CAUTION and not refused and command.by != UNPROVED:
+            at_once = await self._obeyed(command, at)  # the one before may be waiting for a disk or a file
         async with self._turn:
-            now_s, at = self._clock.monotonic(), self._clock.utc()
+            now_s = self._clock.monotonic()
             if command.by == UNPROVED:  # must not use up what operators may give; the door lets few of them pass
                 why = refused or Text(NoticeCode.UNPROVED)
                 outcome = CommandOutcome(command, at, accepted=False, text=why)
                 self._report(outcome)
                 return outcome
             too_many = self._too_many(now_s)
-            if too_many and command.name in BY_CAUTION and not refused and self._stands(command):
-                return CommandOutcome(command, at, *await self._obeyed(command, at))  # changes nothing: not stored
+            if too_many and at_once is not None and stands and self._stands(command):
+                return CommandOutcome(command, at, *at_once)  # changes nothing: not stored
             if too_many and (command.name not in BY_CAUTION or refused):
                 outcome = CommandOutcome(command, at, accepted=False, text=Text(NoticeCode.TOO_MANY_COMMANDS))
                 if (text := self._refusals.stored(outcome.text, now_s)) is not None:
@@ -99,11 +103,12 @@ class CommandTaker:
             self._taken_s.append(now_s)
             if not refused and command.name not in BY_CAUTION and (why := await self._unstored()):
                 refused = Text(NoticeCode.NOT_STORABLE, why=why)
-            accepted, text = (False, refused) if refused else await self._obeyed(command, at)
-            outcome = CommandOutcome(command, at, accepted, text)
+            if at_once is None or not self._stands(command):  # the one before it may have ended it
+                at_once = (False, refused) if refused else await self._obeyed(command, at)
+            outcome = CommandOutcome(command, at, *at_once)
             self._report(outcome)
             if why := await self._unstored():
-                outcome = replace(outcome, text=Text(NoticeCode.NOT_STORED_YET, text=text, why=why))
+                outcome = replace(outcome, text=Text(NoticeCode.NOT_STORED_YET, text=outcome.text, why=why))
             return outcome
 
     def _too_many(self, now_s: float) -> bool:

@@ -35,11 +35,15 @@ class Commanded:
     told: KeptEvents
     taker: CommandTaker
     disk_fails: str = ""
+    disk_waits: asyncio.Event | None = None
+    """Until then the disk takes nothing."""
 
     async def give(self, name: CommandName, by: str = "anna", refused: str = "") -> CommandOutcome:
         return await self.taker.take(Command(name, by), plain(refused))
 
     async def on_disk(self) -> None:
+        if self.disk_waits is not None:
+            await self.disk_waits.wait()
         if self.disk_fails:
             raise StoreError(self.disk_fails)
 

@@ -1,5 +1,6 @@
 """The commands disarm, arm and reload: what each does, what survives a restart, and that nothing arms too much."""
 
+import asyncio
 from pathlib import Path
 
 import pytest
@@ -189,3 +190,24 @@ async def test_a_reload_is_answered_with_what_is_applied_or_with_what_needs_a_re
         given = [event.outcome.command for event in at.told.of(CommandGiven)]
         assert given == [*[Command(RELOAD, "anna")] * 2, Command(RELOAD, "ben")]
         assert len(at.told.texts(EventKind.COMMAND)) == 3
+
+
+async def test_disarming_waits_for_no_other_command_and_counts_after_those_that_came_before_it() -> None:
+    bench = LinkBench("compensate")
+    async with commanded(bench, follow=6.0) as at:
+        await at.give(DISARM)
+        at.disk_waits = asyncio.Event()
+        arm = asyncio.create_task(at.give(ARM, "ben"))
+        await bench.clock.run_until(1.0)
+        pause, disarm = (asyncio.create_task(at.give(name)) for name in (PAUSE, DISARM))
+        await bench.clock.run_until(2.0)
+        assert bench.link.paused is not None, "the disk is still waited for"
+        assert not arm.done()
+        at.disk_waits.set()
+        answers = await asyncio.gather(arm, pause, disarm)
+        assert [answer.accepted for answer in answers] == [True] * 3
+        assert bench.link.disarmed is not None, "it was given last"
+        given = [event.outcome for event in at.told.of(CommandGiven)]
+        assert [outcome.command.name for outcome in given] == [DISARM, ARM, PAUSE, DISARM]
+        assert "already" not in answers[1].text
+        assert "already" not in answers[2].text

@@ -1,10 +1,13 @@
 """Offsets that moved while the link did not write: it starts from where they are, or leaves them alone."""
 
 import asyncio
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
+from gateway.model.commands import Disarmed
+from gateway.model.compensation import Source
 from tests.benches.nc_link_bench import LinkBench, decision
 
 
@@ -115,3 +118,50 @@ async def test_stopped_with_hold_it_leaves_the_offsets_where_they_are() -> None:
     assert len(bench.control.writes) == before
     assert bench.control.in_force == (0.0, 0.0, 4.0)
     assert bench.control.owner == 0
+
+
+async def test_stopped_while_it_is_disarmed_it_takes_them_to_zero_also_with_hold() -> None:
+    bench = LinkBench("compensate", when_stale="hold")
+    async with bench.running():
+        bench.link.follow(decision(4.0))
+        await bench.clock.run_until(10.0)
+        bench.link.disarm(Disarmed("anna", bench.clock.utc()))
+        await bench.clock.run_until(11.0)
+    stopping = asyncio.create_task(bench.link.stop())
+    await bench.clock.run_until(30.0)
+    await stopping
+    assert [offsets[2] for _, offsets in bench.control.writes][-4:] == [3.0, 2.0, 1.0, 0.0]
+    assert bench.control.owner == 0
+
+
+@pytest.mark.parametrize("meanwhile", ["a spoilt answer", "another program"])
+async def test_a_ramp_that_waited_for_a_cycle_begins_from_what_is_in_force_then(meanwhile: str) -> None:
+    bench = LinkBench("compensate")
+    bench.control.probing, bench.control.garbled = True, {1} if meanwhile == "a spoilt answer" else set()
+    async with bench.running():
+        bench.link.follow(decision(4.0))
+        await bench.clock.run_until(60.0)
+        if meanwhile == "another program":
+            bench.control.in_force = (0.0, 0.0, 30.0)
+        begins = bench.control.in_force
+        await bench.clock.run_until(70.0)
+        bench.control.probing = False
+        bench.link.follow(decision(4.0))
+        await bench.clock.run_until(110.0)
+    values = [begins, *(offsets for _, offsets in bench.control.writes)]
+    assert all(abs(a - b) <= 1.0 for one, two in pairwise(values) for a, b in zip(one, two, strict=True))
+    assert bench.control.in_force == (0.0, 0.0, 4.0)
+
+
+async def test_a_step_says_when_the_control_cannot_be_reached_any_more() -> None:
+    bench = LinkBench("compensate")
+    async with bench.running():
+        bench.link.follow(decision(4.0))
+        await bench.clock.run_until(10.0)
+        assert (bench.steps[-1].written, bench.steps[-1].step.source) == (True, Source.PREDICTION)
+        bench.control.absent = True
+        await bench.clock.run_until(20.0)
+        assert (bench.steps[-1].written, bench.steps[-1].step.source) == (False, Source.AWAY)
+        bench.control.absent = False
+        await bench.clock.run_until(60.0)
+        assert (bench.steps[-1].written, bench.steps[-1].step.source) == (True, Source.PREDICTION)

@@ -109,8 +109,10 @@ async def test_a_control_that_does_not_greet_with_its_reach_gets_shifts() -> Non
     assert it.together
 
 
-def link_of(control: Following, steps: list[Write], notices: list[Notice] | None = None) -> NcLink:
-    settings = LinkSettings.of(config("compensate"), Identity())
+def link_of(
+    control: Following, steps: list[Write], notices: list[Notice] | None = None, when_stale: str = "zero"
+) -> NcLink:
+    settings = LinkSettings.of(config("compensate", when_stale=when_stale), Identity())
     tell = list[Notice]().append if notices is None else notices.append
     return NcLink(
         control, control.clock, settings, Earlier(first_number=41), Listeners(written=steps.append, notify=tell)
@@ -188,5 +190,28 @@ async def test_a_cycle_is_judged_with_the_shift_that_the_control_reports() -> No
     outcome = await asked
     assert outcome.in_force_um == pytest.approx((1.0, 2.0, 3.0))
     assert outcome.end is End.MEASURED
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)
+
+
+@pytest.mark.parametrize(("heard", "end"), [(True, End.MEASURED), (False, End.REJECTED)])
+async def test_a_cycle_in_which_the_control_did_not_hear_the_gateway_makes_no_measurement(
+    heard: bool, end: End
+) -> None:
+    """It lets the shift follow the position then, also with `hold`, which changes none of the nine."""
+    clock = SteppedClock()
+    control = Following(clock)
+    link = link_of(control, [], when_stale="hold")
+    task = asyncio.create_task(link.run())
+    link.follow(decision(5.0))
+    await clock.run_until(20.0)
+    asked = asyncio.create_task(link.measure(Why.CALIBRATION))
+    await clock.run_until(25.0)
+    control.watching = heard
+    await clock.run_until(27.0)
+    control.watching = True
+    control.answer = RequestStatus(41, ProbingState.DONE, ((0.0, 0.0, 0.0),) * 6, in_force_um=(0.0, 0.0, 5.0))
+    await clock.run_until(60.0)
+    assert (await asked).end is end
     task.cancel()
     await asyncio.gather(task, return_exceptions=True)
