@@ -89,6 +89,10 @@ BROKEN: dict[str, tuple[str, Break]] = {
         gives("None"),
     ),
     "what_is_noticed_ends_the_cycle_at_once": ("gateway.nc.probing.foreign:CycleWatch.look", gives("False")),
+    "a_reference_of_another_origin_is_none_and_a_new_one_is_measured": (
+        "gateway.control.restart.proven:is_elsewhere",
+        gives("False"),
+    ),
     "offsets_that_moved_while_the_control_probed_make_no_measurement": (
         "gateway.nc.hold:HeldOffsets.still",
         never("differ"),
@@ -274,6 +278,10 @@ BROKEN: dict[str, tuple[str, Break]] = {
     "a_step_says_when_the_control_cannot_be_reached_any_more": (
         "gateway.nc.link:NcLink._cycle",
         never("latest"),
+    ),
+    "within_a_cycle_the_tip_is_the_probe_s_and_not_the_part_program_s": (
+        "drivers.sinumerik.control:Sinumerik.snapshot",
+        never("under_way"),
     ),
     "no_ramp_begins_from_a_spoilt_answer": (
         "gateway.nc.writer:OffsetWriter._is_begun",

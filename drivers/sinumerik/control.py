@@ -185,10 +185,13 @@ class Sinumerik:
         self._look_at_tool(named)
         alarms = tuple(code_of(alarm) for alarm in shown if alarm)
         tool, probe = named.get("tool"), named.get("probe_in_spindle")
+        under_way = PROBING_STATES.get(code_of(probing)) in UNDER_WAY
+        # Within a cycle no length is in force (D0), and the tool is the origin's: the probe.
+        longer = 0.0 if under_way and not named.get("tool_length") else self._tool_mm
         return NcSnapshot(
             time=time,
             monotonic_s=monotonic_s,
-            positions=dict(zip(AXES, (*self._from_origin(x, y, z - self._tool_mm), *rotary), strict=True)),
+            positions=dict(zip(AXES, (*self._from_origin(x, y, z - longer), *rotary), strict=True)),
             states=states,
             mode=_MODES.get(code_of(named.get("mode")), OperatingMode.UNKNOWN),
             program=_PROGRAM_STATES.get(code_of(named.get("program")), ProgramState.UNKNOWN),
@@ -196,7 +199,7 @@ class Sinumerik:
             probe_in_spindle=None if probe is None or not math.isfinite(probe) else bool(probe),
             alarms=alarms,
             ready=not _may_be_stopped(shown) and _drives(named) and all(map(_is_odd, referenced)),
-            probing=PROBING_STATES.get(code_of(probing)) in UNDER_WAY,
+            probing=under_way,
             quality=Quality.GOOD,
         )
 

@@ -204,6 +204,7 @@ class NoticeCode(StrEnum):
     MEASUREMENT_WHEN_FREE = "measurement_when_free"
     MEASUREMENT_IN_STEP = "measurement_in_step"
     REFERENCE_DROPPED = "reference_dropped"
+    REFERENCE_ELSEWHERE = "reference_elsewhere"
     REFERENCE_WHEN_IDLE = "reference_when_idle"
     REFERENCE_AWAITED = "reference_awaited"
     PAUSED_ALREADY = "paused_already"

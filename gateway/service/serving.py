@@ -160,6 +160,8 @@ def _store(config: GatewayConfig, boot: str, clock: ServiceClock) -> Store:
 def _news(past: EarlierRun, config: GatewayConfig) -> list[Text]:
     """What has changed since the latest run, and what became of what was learnt."""
     news, method = [], config.talc.method
+    if past.elsewhere:
+        news.append(Text(NoticeCode.REFERENCE_ELSEWHERE))
     if past.former_method is not None:
         news.append(Text(NoticeCode.METHOD_CONTINUES, method=method, former=past.former_method))
     if past.other_prior and config.prior is None:

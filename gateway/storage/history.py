@@ -340,6 +340,14 @@ class History:
         )
         return list(dict.fromkeys(str(text) for (text,) in found))
 
+    def config_at(self, time: datetime) -> str | None:
+        """Canonical configuration of the run at this time, or of the first one; None: no run is stored."""
+        ran = "coalesce((SELECT max(number) FROM boot WHERE began <= ?), (SELECT min(number) FROM boot))"
+        row = self._connection.execute(
+            f"SELECT config FROM boot WHERE number = {ran}", (_stored_time(time),)
+        ).fetchone()
+        return None if row is None else str(row[0])
+
     def commands(self) -> list[CommandOutcome]:
         """Every command that somebody gave, oldest first."""
         if not self._has("command"):

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, field
 from drivers.base import SetupError
 from gateway.config.model import GatewayConfig
 from gateway.control.planned_loads import rows_remembered
-from gateway.control.restart.proven import paths_in, proven_in
+from gateway.control.restart.proven import is_elsewhere, paths_in, proven_in
 from gateway.control.restart.rebuild import (
     Interrupted,
     RebuildProgress,
@@ -48,7 +48,7 @@ class EarlierRun:
     pending: tuple[TrainingJob | None, Why | None] = (None, None)
     reference_mm: FloatArray | None = None
     renewing: bool = False
-    """Whether a new reference was asked for and is still to be measured."""
+    """Whether a new reference was asked for, or has become necessary, and is still to be measured."""
     last_number: int | None = None
     missing: Mapping[str, int] = field(default_factory=dict)
     """Inputs of live models without a good value at the last step, and the grid index since when."""
@@ -66,6 +66,8 @@ class EarlierRun:
     paths: frozenset[str] = frozenset()
     """Marks of the control's path in such dry runs."""
 
+    elsewhere: bool = False
+    """Whether the reference was measured at other poses or from another origin: then there is none."""
     former_method: str | None = None
     """`[talc] method` of the latest run, if this configuration has another one."""
     other_prior: bool = False
@@ -147,6 +149,7 @@ def past_of(history: History, config: GatewayConfig, progress: RebuildProgress =
             paths=paths_in(history, config),
         )
     before = stored_config(history)
+    elsewhere = reference is not None and is_elsewhere(history, reference, config)
     changed = before.talc.method != config.talc.method
     if before.grid != config.grid:
         raise StoreError(
@@ -163,8 +166,8 @@ def past_of(history: History, config: GatewayConfig, progress: RebuildProgress =
         moment=history.moment(),
         pauses=tuple(history.pauses(uncovered=True)),
         pending=(found.job, found.measure),
-        reference_mm=_reference_of(reference),
-        renewing=_is_renewing(reference),
+        reference_mm=None if elsewhere else _reference_of(reference),
+        renewing=elsewhere or _is_renewing(reference),
         last_number=history.last_number(),
         missing=found.missing,
         measured=tuple(found.measured),
@@ -174,6 +177,7 @@ def past_of(history: History, config: GatewayConfig, progress: RebuildProgress =
         disarmed=history.disarmed(),
         proven=proven_in(history, config),
         paths=paths_in(history, config),
+        elsewhere=elsewhere,
         former_method=before.talc.method if changed else None,
         other_prior=not changed and config.talc.method == "learner" and before.prior != config.prior,
         changes=(*_inputs_changed(before, config), *(() if changed else _settings_changed(before.talc, config.talc))),

@@ -7,6 +7,7 @@ from gateway.model.text import NOTHING, Text
 from gateway.nc.probing.geometry import Geometry, barrier, geometry_of, is_of, path_of
 from gateway.storage.answers import answered
 from gateway.storage.history import History
+from gateway.storage.stored import StoredMeasurement
 
 
 def proven_in(history: History, config: GatewayConfig) -> bool:
@@ -16,7 +17,7 @@ def proven_in(history: History, config: GatewayConfig) -> bool:
         return False
     if any(is_of(text, geometry) for text in history.operator_texts()):
         return True
-    return any(_had(text, geometry) for text in history.configs_that_measured())
+    return any(_geometry_in(text) == geometry for text in history.configs_that_measured())
 
 
 def paths_in(history: History, config: GatewayConfig) -> frozenset[str]:
@@ -40,8 +41,17 @@ def dry_run_wanted(config: GatewayConfig) -> Text:
     return Text(NoticeCode.OFF_DRY_RUN, why=why) if why else NOTHING
 
 
-def _had(text: str, geometry: Geometry) -> bool:
+def is_elsewhere(history: History, measured: StoredMeasurement, config: GatewayConfig) -> bool:
+    """Whether the centres of a stored measurement are of other poses or count from another origin."""
+    now, text = geometry_of(config), history.config_at(measured.ended)
+    before = None if text is None else _geometry_in(text)
+    if now is None or before is None:
+        return False
+    return (before.poses_deg, before.origin_mm) != (now.poses_deg, now.origin_mm)
+
+
+def _geometry_in(text: str) -> Geometry | None:
     try:
-        return geometry_of(stored_configuration(text)) == geometry
+        return geometry_of(stored_configuration(text))
     except (ValueError, KeyError, TypeError, AttributeError):  # pydantic's are ValueErrors
-        return False  # this program does not accept it
+        return None  # this program does not accept it

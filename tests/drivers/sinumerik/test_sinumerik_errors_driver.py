@@ -185,6 +185,21 @@ async def test_the_length_of_the_tool_in_use_shifts_the_positions_and_reaches_th
                 await nc.snapshot()
 
 
+async def test_within_a_cycle_the_tip_is_the_probe_s_and_not_the_part_program_s() -> None:
+    read: dict[str, Any] = {"nodes": Paths(tool_length="/Channel/State/actToolLength1[u1]"), "origin_tool_mm": 80.0}
+    async with control(**read) as (emulated, nc, clock):
+        await nc.connect()
+        await nc.request_probing(1)
+        clock.move_to(41.0)  # the safe point was at 40
+        heights = []
+        for length in (80.0, 30.0, 0.0):
+            emulated.nck.tool_length_mm = length
+            snapshot = await nc.snapshot()
+            assert snapshot.probing
+            heights.append(snapshot.positions["Z"])
+        assert np.array(heights) - heights[0] == pytest.approx([0.0, 50.0, 0.0])
+
+
 async def test_a_program_that_reads_the_length_of_the_tool_needs_no_node_and_an_impossible_one_is_told() -> None:
     async with control(
         errors_program(settings(), TERMS), nodes=Paths(tool_length="/Channel/State/actToolLength1[u1]")

@@ -108,3 +108,25 @@ def test_a_control_without_dry_runs_needs_the_word_of_the_configuration(tmp_path
     config = at(tmp_path, "armed = true", 'armed = true\ndry_run = "not offered"')
     assert dry_run_wanted(config) == ""
     assert dry_run_wanted(at(tmp_path, "armed = true", "armed = false")) == ""
+
+
+@pytest.mark.parametrize(
+    ("new", "counts"),
+    [
+        ("channel = 1", True),
+        ("origin_mm = [0.0, 0.0, 0.03]", False),
+    ],
+)
+def test_a_reference_of_another_origin_is_none_and_a_new_one_is_measured(
+    new: str, counts: bool, tmp_path: Path
+) -> None:
+    clock = SteppedClock()
+    ran(at(tmp_path), "first", End.MEASURED, clock)
+    moved = at(tmp_path, 'security = "none"', f'security = "none"\n{new}')
+    ran(moved, "second", None, clock)
+    with Store(moved.storage.path, "look", clock) as store:
+        found = earlier_run(store, moved)
+    assert (found.reference_mm is not None, found.renewing) == (counts, not counts)
+    ran(moved, "third", End.MEASURED, clock)
+    with Store(moved.storage.path, "look again", clock) as store:
+        assert earlier_run(store, moved).renewing is not counts, "it was not the reference that was asked for"
