@@ -15,6 +15,7 @@ from drivers.nc import (
     ERRORS,
     NcSnapshot,
     NineErrors,
+    NotSendable,
     OperatingMode,
     ProbingState,
     ProgramState,
@@ -32,6 +33,8 @@ _POLL_S = 0.02
 _THERE_UM = 1e-3
 """An offset that differs by no more than this, and does not move, is in force: a control may round."""
 _EXACT_UM = 1e-9
+_ROUNDED = 1e-6
+"""Of a bound that was converted."""
 _EMERGENCY_STOP: Final = 1
 """Shown as an alarm, beside those that the agent reports."""
 NO_CYCLE: Final = Text("agent_no_cycle")
@@ -187,9 +190,13 @@ class AgentControl:
     async def write_errors(self, errors: NineErrors) -> None:
         """Returns when the errors are in force, or after timeout_s.
 
-        Raises NotSendable, before anything is sent, for a number that is not finite or an error beyond `largest_um`.
+        Raises NotSendable, before anything is sent, for a number that is not finite, an error beyond `largest_um`, or a
+        bound beyond the agent's, which would cut the offsets unseen.
         """
         check_errors(errors, self._settings.largest_um)
+        bound_um, most_um = max(errors.bound_um), self._greeting.bound_um
+        if bound_um > most_um * (1.0 + _ROUNDED):
+            raise NotSendable(Text("agent_bound", bound_um=bound_um, most_um=most_um))
         await self._agent.ask(
             "write_errors",
             owner=self._owner,

@@ -1,5 +1,6 @@
 """The greeting of an agent: its version, capabilities and machine. See docs/agent.md, Greeting."""
 
+import math
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
@@ -47,6 +48,8 @@ class Greeting:
     can: frozenset[Capability] = frozenset({Capability.PROBE, Capability.SHIFT})
     error_reach_mm: tuple[float, float] | None = None
     """With ERRORS: farthest that a tool's tip gets from where A and C meet, along X and across it."""
+    bound_um: float = math.inf
+    """With ERRORS: the largest offset that it accepts."""
     travel: SlopeTravel | None = None
     """With SLOPES."""
     poses: int | tuple[tuple[float, float], ...] | None = None
@@ -86,6 +89,7 @@ def greeting_of(answer: Json, device: str) -> Greeting:
         version,
         can,
         _reach(answer.get("reach_mm"), device) if Capability.ERRORS in can else None,
+        finite_number(answer["bound_um"], "bound_um", device) if "bound_um" in answer else math.inf,
         _travel(answer.get("travel"), device) if Capability.SLOPES in can else None,
         _poses(answer.get("poses"), version, device) if Capability.PROBE in can else None,
         _path(answer.get("path", ""), device) if Capability.PROBE in can else "",

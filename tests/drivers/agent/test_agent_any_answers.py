@@ -102,6 +102,16 @@ async def test_a_cycle_without_a_centre_for_each_pose_is_no_result(centres: obje
             await nc.probing_status(7)
 
 
+async def test_errors_with_a_bound_beyond_the_agent_s_are_never_sent(tmp_path: Path) -> None:
+    async with agent_and_driver(tmp_path) as (agent, nc):
+        agent.answers[""] = {"capabilities": ["errors"], "reach_mm": [300.0, 400.0], "bound_um": 49.99999999}
+        agent.answers |= {"write_errors": None, "errors": [0.0] * 9}
+        await nc.connect()
+        await nc.write_errors(NineErrors((0.0,) * 9, 120.0, (50.0, 50.0, 50.0)))
+        with pytest.raises(NotSendable, match="the control's own bound is 50 µm"):
+            await nc.write_errors(NineErrors((0.0,) * 9, 120.0, (50.0, 50.0, 50.1)))
+
+
 @pytest.mark.parametrize(
     "errors",
     [
