@@ -38,10 +38,10 @@ from talc.models import ModelSet
 from tests.benches.refusals import coded as in_codes
 from tests.benches.stepped_clock import SteppedClock
 from tests.benches.telemetry_examples import configuration
+from tests.gateway.config.test_config import mistaken
 from tests.gateway.control.test_trainer import JOB
 
 PLAIN = sentences.texts
-CASES = Path(__file__).parents[1] / "config" / "cases"
 
 
 def reworded(language: str) -> Mapping[str, str]:
@@ -109,27 +109,28 @@ def lacking(refused: Text) -> frozenset[str]:
     return collector._lacking("mill", dict.fromkeys(("steps", "events", "reasons")), refused)  # noqa: SLF001
 
 
-BROKEN = "unit_out_of_range", "linuxcnc_other_poses", "not_toml", "several_problems", "wrong_value", "bound_too_large"
+BROKEN = "unit_out_of_range", "linuxcnc_other_poses", "not_toml", "wrong_value", "bound_too_large"
 """Of the cases of broken configurations: each mistake is in a driver, in a section, between sections or no TOML."""
 
 
-def mistakes() -> list[tuple[object, ...]]:
+def mistakes(folder: Path) -> list[tuple[object, ...]]:
     """What programs know of the mistakes in files."""
     found = list[tuple[object, ...]]()
     for case in BROKEN:
         with pytest.raises(ConfigError) as raised:
-            load(CASES / case / "gateway.toml")
+            load(mistaken(case, folder))
         found += [(case, problem.place, problem.at, in_codes(problem.what)) for problem in raised.value.problems]
     return found
 
 
-def test_reworded_refusals_name_the_same_fields_and_values(monkeypatch: pytest.MonkeyPatch) -> None:
-    before, german = mistakes(), Text("unit_beyond", unit=248, low=1, high=247, kind="modbus_rtu").in_language("de")
-    file = str(CASES / "unit_out_of_range" / "gateway.toml")
+def test_reworded_refusals_name_the_same_fields_and_values(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = mistakes(tmp_path)
+    german = Text("unit_beyond", unit=248, low=1, high=247, kind="modbus_rtu").in_language("de")
+    file = str(mistaken("unit_out_of_range", tmp_path))
     done = CliRunner().invoke(main, ["check", file], env={"LC_ALL": "de_DE.UTF-8"})
     assert (done.exit_code, german in done.output) == (2, True), done.output
     monkeypatch.setattr(sentences, "texts", reworded)
-    assert mistakes() == before
+    assert mistakes(tmp_path) == before
 
 
 def test_reworded_messages_change_nothing_but_what_people_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
