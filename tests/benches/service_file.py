@@ -43,13 +43,14 @@ channels = {{ {channels} }}
 """
 
 
-def adam6015(channels: str) -> str:
-    """A thermometer module on its own bus, which no test connects to."""
+def adam6015(channels: str, host: str = "nowhere", fields: str = "") -> str:
+    """A thermometer module on its own bus."""
     return f"""
 [[bus]]
 name = "tcp1"
 kind = "modbus_tcp"
-host = "nowhere"
+host = "{host}"
+{fields}
 [[device]]
 name = "adam"
 bus = "tcp1"

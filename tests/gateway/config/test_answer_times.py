@@ -6,7 +6,6 @@ import pytest
 from pydantic import BaseModel, ValidationError
 
 from drivers.build import BUS_KINDS
-from drivers.bus_settings import BusSettings
 from gateway.config.controls import AgentNc, LinuxCncNc, MtConnectNc, SinumerikNc
 from gateway.config.extensions import OtherBus
 from gateway.listeners.outlets.outlet import OutletSettings
@@ -36,8 +35,3 @@ def test_a_device_has_at_most_a_minute_and_a_server_an_hour(section: type[BaseMo
     assert of_timeout(section, longest + 0.1) == [f"Input should be less than or equal to {longest}"]
     assert of_timeout(section, 0.0) == ["Input should be greater than 0"]
     assert of_timeout(section, float(longest)) == []
-
-
-@pytest.mark.parametrize("settings", BUS_KINDS.values(), ids=BUS_KINDS)
-def test_the_settings_of_every_bus_are_bus_settings(settings: type[BaseModel]) -> None:
-    assert issubclass(settings, BusSettings)

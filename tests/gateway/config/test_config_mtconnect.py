@@ -13,22 +13,13 @@ from gateway.config.problems import ConfigError
 from gateway.nc.build import control_of
 from gateway.runtime.clocks import RealClock
 from tests.benches.mtconnect_agent import mtconnect_agent
+from tests.benches.service_file import MACHINE, adam6015
 
 pytestmark = pytest.mark.filterwarnings("ignore:datetime:DeprecationWarning")
-TEXT = """
-[machine]
-name = "mill"
-[[bus]]
-name = "plc"
-kind = "modbus_tcp"
-host = "127.0.0.1"
-port = 9
-[[device]]
-name = "adam"
-bus = "plc"
-profile = "advantech_adam6015"
-[device.channels]
-ambient = 0
+TEXT = (
+    MACHINE
+    + adam6015("ambient = 0", "127.0.0.1", "port = 9")
+    + """
 [[state]]
 name = "spindle_speed"
 [nc]
@@ -45,6 +36,7 @@ C = "Cpos"
 spindle_speed = "Srpm"
 speed_X = "Xfrt"
 """
+)
 
 
 def test_the_driver_gets_the_states_that_models_use() -> None:

@@ -5,14 +5,13 @@ from datetime import timedelta
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 from cryptography.x509 import load_pem_x509_certificate
 
-from gateway.cli.main import main
 from gateway.config.file import parse
 from gateway.config.model import GatewayConfig
 from gateway.config.rules import cautions
 from gateway.config.telemetry import endpoint
+from tests.benches.command import here
 from tests.benches.plant_authority import DAY, PlantAuthority
 from tests.benches.service_file import TEXT
 
@@ -31,8 +30,8 @@ def checked(folder: Path, telemetry: str) -> tuple[int, str]:
     """Exit code and output of `talc-gateway check`."""
     file = folder / "gateway.toml"
     file.write_text(f"{TEXT}\n{telemetry}", encoding="utf-8")
-    answer = CliRunner().invoke(main, ["check", str(file)], catch_exceptions=False)
-    return answer.exit_code, answer.output.replace(f"{folder}/", "")
+    done = here("check", file)
+    return done.code, done.together.replace(f"{folder}/", "")
 
 
 def config(telemetry: str) -> GatewayConfig:

@@ -10,19 +10,18 @@ from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner, Result
 
 from drivers.base import BadAnswer, ConnectError, Quality, Refused
 from drivers.nc import WatchdogTerms
 from gateway.acquisition.build import lines_of
 from gateway.acquisition.once import read_once
-from gateway.cli.main import main
 from gateway.config.extended import stored_configuration
 from gateway.config.file import parse
 from gateway.config.model import GatewayConfig
 from gateway.config.problems import ConfigError
 from gateway.nc.build import control_of
 from gateway.runtime.clocks import RealClock
+from tests.benches.command import Done, here
 from tests.benches.extension_package import example_wheel, files_of, install
 from tests.benches.one_device import ONE_DEVICE
 from tests.benches.refusals import refusing
@@ -56,18 +55,18 @@ port = 5000
 """
 
 
-def check(folder: Path, text: str) -> Result:
+def check(folder: Path, text: str) -> Done:
     file = folder / "gateway.toml"
     file.write_text(text, encoding="utf-8")
-    return CliRunner().invoke(main, ["check", str(file)])
+    return here("check", file)
 
 
 def test_check_accepts_kinds_of_another_package_and_names_them(example: Path) -> None:
     done = check(example, BUS + NC)
-    assert done.exit_code == 0, done.output
+    assert done.code == 0, done.together
     row = "kinds of other packages: [nc] kind 'text_axes' (talc-example 0.1.0), [[bus]] kind 'text_tcp' (talc-example"
-    assert row in done.stdout
-    assert "good." in done.stdout
+    assert row in done.out
+    assert "good." in done.out
 
 
 @pytest.mark.slow
@@ -99,9 +98,9 @@ def test_check_accepts_kinds_of_another_package_and_names_them(example: Path) ->
 )
 def test_a_mistake_in_its_section_is_reported_with_its_place(example: Path, old: str, new: str, says: str) -> None:
     done = check(example, (BUS + NC).replace(old, new))
-    assert done.exit_code == 2, done.output
-    assert says in done.output
-    assert "Traceback" not in done.output
+    assert done.code == 2, done.together
+    assert says in done.together
+    assert "Traceback" not in done.together
 
 
 def test_a_stored_configuration_is_read_again_and_has_the_same_fingerprint(example: Path) -> None:
@@ -141,29 +140,37 @@ BROKEN = {
 }
 
 
+Offer = Callable[..., None]
+
+
+@pytest.fixture
+def offer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Offer:
+    """Installs packages with a module of this code, each offering the kind `strange`; own: and a bus of this kind."""
+
+    def offered(code: str, *packages: str, group: str = "controls", own: str = "") -> None:
+        rows = {f"talc_gateway.{group}": {"strange": "other_package:It"}}
+        if own:
+            rows["talc_gateway.buses"] = {own: "other_package:It"}
+        for name in packages or ("other",):
+            install(files_of(name, rows, {"other_package.py": code}, "2.3"), tmp_path / "site")
+        monkeypatch.syspath_prepend(str(tmp_path / "site"))
+
+    return offered
+
+
+STRANGE = '[nc]\nkind = "strange"\n'
+
+
 @pytest.mark.parametrize(("code", "says"), BROKEN.values(), ids=BROKEN)
-def test_a_broken_package_is_one_clear_line(
-    code: str, says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    rows = {"talc_gateway.controls": {"strange": "other_package:It"}}
-    install(files_of("other", rows, {"other_package.py": code}, "2.3"), tmp_path / "site")
-    monkeypatch.syspath_prepend(str(tmp_path / "site"))
-    wanted = check(tmp_path, ONE_DEVICE + '[nc]\nkind = "strange"\n')
-    assert wanted.exit_code == 2
-    assert f"gateway.toml: [nc], kind: kind 'strange' of the package other 2.3 cannot be used: {says}" in wanted.output
-    assert wanted.output.count("gateway.toml: ") == 1, "beside the line of the file"
+def test_a_broken_package_is_one_clear_line(code: str, says: str, tmp_path: Path, offer: Offer) -> None:
+    offer(code)
+    wanted, line = check(tmp_path, ONE_DEVICE + STRANGE), f"of the package other 2.3 cannot be used: {says}"
+    assert wanted.code == 2
+    assert f"gateway.toml: [nc], kind: kind 'strange' {line}" in wanted.together
+    assert wanted.together.count("gateway.toml: ") == 1, "beside the line of the file"
     idle = check(tmp_path, ONE_DEVICE)
-    assert idle.exit_code == 0, "a package that is not used prevents nothing"
-    assert f"warning: kind 'strange' of the package other 2.3 cannot be used: {says}" in idle.stderr
-
-
-def test_a_bug_of_the_package_is_reported_at_its_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    rows = {"talc_gateway.controls": {"strange": "other_package:It"}}
-    install(files_of("other", rows, {"other_package.py": WHOLE}), tmp_path / "site")
-    monkeypatch.syspath_prepend(str(tmp_path / "site"))
-    done = check(tmp_path, ONE_DEVICE + '[nc]\nkind = "strange"\n')
-    assert done.exit_code == 2
-    assert "[nc]: the package of kind 'strange' failed: RuntimeError: no licence" in done.output
+    assert idle.code == 0, "a package that is not used prevents nothing"
+    assert f"warning: kind 'strange' {line}" in idle.err
 
 
 SOUND = WHOLE.replace("raise RuntimeError('no licence')", "return None")
@@ -177,53 +184,37 @@ PLACELESS = BASES + (
 @pytest.mark.parametrize(
     ("group", "code", "section", "says"),
     [
-        (
-            "controls",
-            SOUND.replace("return ()", "raise KeyError('X')"),
-            '[nc]\nkind = "strange"\n',
-            "[nc]: the package",
-        ),
-        ("buses", PLACELESS, '[[bus]]\nname = "odd"\nkind = "strange"\n', "bus 'odd': the package"),
+        ("controls", WHOLE, STRANGE, "[nc]: the package of kind 'strange' failed: RuntimeError: no licence"),
+        ("controls", SOUND.replace("return ()", "raise KeyError('X')"), STRANGE, "[nc]: the package of kind 'strange'"),
+        ("buses", PLACELESS, '[[bus]]\nname = "odd"\nkind = "strange"\n', "bus 'odd': the package of kind 'strange'"),
     ],
 )
-def test_a_bug_in_what_the_gateway_asks_before_the_driver_is_reported_too(
-    group: str, code: str, section: str, says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_bug_of_the_package_is_reported_at_its_place(
+    group: str, code: str, section: str, says: str, tmp_path: Path, offer: Offer
 ) -> None:
-    rows = {f"talc_gateway.{group}": {"strange": "other_package:It"}}
-    install(files_of("other", rows, {"other_package.py": code}), tmp_path / "site")
-    monkeypatch.syspath_prepend(str(tmp_path / "site"))
+    offer(code, group=group)
     done = check(tmp_path, ONE_DEVICE + section)
-    assert done.exit_code == 2, done.output
-    assert f"{says} of kind 'strange' failed: KeyError: 'X'" in done.output
+    assert done.code == 2, done.together
+    assert says in done.together
+    assert "failed: RuntimeError: no licence" in done.together or "failed: KeyError: 'X'" in done.together
 
 
-def test_states_may_come_from_a_generator(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    rows = {"talc_gateway.controls": {"strange": "other_package:It"}}
-    code = SOUND.replace("return ()", "yield from ('door', 'lamp')")
-    install(files_of("other", rows, {"other_package.py": code}), tmp_path / "site")
-    monkeypatch.syspath_prepend(str(tmp_path / "site"))
+def test_states_may_come_from_a_generator(tmp_path: Path, offer: Offer) -> None:
+    offer(SOUND.replace("return ()", "yield from ('door', 'lamp')"))
     states = "".join(f'[[state]]\nname = "{name}"\n' for name in ("lamp", "door"))
-    done = check(tmp_path, ONE_DEVICE + states + '[nc]\nkind = "strange"\n')
-    assert done.exit_code == 0, done.output
+    done = check(tmp_path, ONE_DEVICE + states + STRANGE)
+    assert done.code == 0, done.together
 
 
-def test_two_packages_of_one_kind_and_a_kind_of_the_gateway_s_own(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    rows = {
-        "talc_gateway.controls": {"strange": "other_package:It"},
-        "talc_gateway.buses": {"modbus_tcp": "other_package:It"},
-    }
-    for name in ("first", "second"):
-        install(files_of(name, rows, {"other_package.py": WHOLE}), tmp_path / "site")
-    monkeypatch.syspath_prepend(str(tmp_path / "site"))
-    done = check(tmp_path, ONE_DEVICE + '[nc]\nkind = "strange"\n')
-    assert done.exit_code == 2
-    assert "kind 'strange' is offered by " in done.output
+def test_two_packages_of_one_kind_and_a_kind_of_the_gateway_s_own(tmp_path: Path, offer: Offer) -> None:
+    offer(WHOLE, "first", "second", own="modbus_tcp")
+    done = check(tmp_path, ONE_DEVICE + STRANGE)
+    assert done.code == 2
+    assert "kind 'strange' is offered by " in done.together
     own = check(tmp_path, ONE_DEVICE)
-    assert own.exit_code == 0
-    assert "kind 'modbus_tcp' of the package" in own.stderr
-    assert "is not used: the gateway has that kind itself" in own.stderr
+    assert own.code == 0
+    assert "kind 'modbus_tcp' of the package" in own.err
+    assert "is not used: the gateway has that kind itself" in own.err
 
 
 @asynccontextmanager

@@ -4,13 +4,12 @@ import re
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner, Result
 
 from gateway.acquisition.record import not_recorded
-from gateway.cli.main import main
 from gateway.commissioning.doctor.health import health_findings
 from gateway.config.file import parse
 from gateway.config.rules import cautions
+from tests.benches.command import Done, here
 from tests.benches.extension_package import files_of, install
 from tests.benches.one_device import ONE_DEVICE
 
@@ -41,10 +40,10 @@ ON_IT = '[[device]]\nname = "{}"\nbus = "odd"\nprofile = "{}"\nunit = {}\n[devic
 TWO_ON_IT = ON_IT.format("d1", "p", 3, "a") + ON_IT.format("d2", "q", 3, "b")
 
 
-def check(folder: Path, text: str) -> Result:
+def check(folder: Path, text: str) -> Done:
     file = folder / "gateway.toml"
     file.write_text(text, encoding="utf-8")
-    return CliRunner().invoke(main, ["check", str(file)])
+    return here("check", file)
 
 
 def with_bus(folder: Path, monkeypatch: pytest.MonkeyPatch, code: str, kind: str = "strange") -> str:
@@ -72,8 +71,8 @@ def test_a_bug_in_what_a_bus_says_of_itself_is_one_line(
 ) -> None:
     code = SERIAL.replace(f"def {line}(self):", f"def {line}(self):\n        raise KeyError('X')")
     done = check(tmp_path, ONE_DEVICE + with_bus(tmp_path, monkeypatch, code) + 'port = "/dev/ttyUSB0"\n')
-    assert done.exit_code == (2 if wrong else 0), done.output
-    assert "bus 'odd': the package of kind 'strange' failed: KeyError: 'X'" in done.output
+    assert done.code == (2 if wrong else 0), done.together
+    assert "bus 'odd': the package of kind 'strange' failed: KeyError: 'X'" in done.together
 
 
 @pytest.mark.parametrize("kind", ["strange", "modbus_strange"])
@@ -83,8 +82,8 @@ def test_two_devices_of_a_package_s_bus_need_two_addresses(
     """Whatever the kind is called: only the package knows whether one address may be several devices."""
     section = with_bus(tmp_path, monkeypatch, SERIAL, kind) + 'port = "/dev/line"\n'
     done = check(tmp_path, ONE_DEVICE + section + TWO_ON_IT)
-    assert done.exit_code == 2
-    assert "device 'd2', unit: 3 on bus 'odd' is already device 'd1'\n" in done.output
+    assert done.code == 2
+    assert "device 'd2', unit: 3 on bus 'odd' is already device 'd1'\n" in done.together
 
 
 @pytest.mark.parametrize("answer", ["units = None", "units = (1, 31)\n    several_per_unit = True"])
@@ -93,7 +92,7 @@ def test_a_package_may_say_that_its_devices_need_no_address_of_their_own(
 ) -> None:
     section = with_bus(tmp_path, monkeypatch, SERIAL.replace("units = (1, 31)", answer)) + 'port = "/dev/line"\n'
     done = check(tmp_path, ONE_DEVICE + section + TWO_ON_IT)
-    assert done.exit_code == 0, done.output
+    assert done.code == 0, done.together
 
 
 def test_a_field_with_the_name_of_what_the_gateway_asks_is_refused(
@@ -102,15 +101,15 @@ def test_a_field_with_the_name_of_what_the_gateway_asks_is_refused(
     section = with_bus(tmp_path, monkeypatch, SERIAL.replace("units = (1, 31)", "timeout_is_age: bool"))
     with pytest.warns(UserWarning, match="shadows an attribute"):
         done = check(tmp_path, ONE_DEVICE + section)
-    assert done.exit_code == 2
-    assert "other_package:It has a field timeout_is_age, which is a member of OtherBus; rename" in done.output
+    assert done.code == 2
+    assert "other_package:It has a field timeout_is_age, which is a member of OtherBus; rename" in done.together
 
 
 def test_a_field_may_stand_in_the_place_of_a_value(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     section = with_bus(tmp_path, monkeypatch, SERIAL.replace("units = (1, 31)", "only_listens: bool"))
     with pytest.warns(UserWarning, match="shadows an attribute"):
         done = check(tmp_path, ONE_DEVICE + section + 'port = "/dev/line"\nonly_listens = true\n')
-    assert done.exit_code == 0, done.output
+    assert done.code == 0, done.together
 
 
 @pytest.mark.parametrize(
@@ -133,8 +132,8 @@ def test_an_answer_of_another_type_is_one_line(
     if code.startswith("place"):
         text = SERIAL.replace("return self.port", "return None")
     done = check(tmp_path, ONE_DEVICE + with_bus(tmp_path, monkeypatch, text) + 'port = "/dev/line"\n')
-    assert done.exit_code == 2
-    assert f"bus 'odd': the package of kind 'strange' failed: {says}" in done.output
+    assert done.code == 2
+    assert f"bus 'odd': the package of kind 'strange' failed: {says}" in done.together
 
 
 def test_doctor_finds_a_second_program_on_a_package_s_serial_bus(

@@ -27,17 +27,9 @@ SECTIONS: Mapping[type[BaseModel], Mapping[str, object]] = {
 
 
 @pytest.mark.parametrize("section", SECTIONS, ids=lambda section: section.__name__)
-@pytest.mark.parametrize(
-    ("login", "said"),
-    [
-        ({"user": "mill"}, "user and password_file go together: give both or neither"),
-        ({"password_file": "secret"}, "user and password_file go together: give both or neither"),
-    ],
-)
-def test_a_login_that_is_incomplete_is_refused(
-    section: type[BaseModel], login: Mapping[str, object], said: str
-) -> None:
-    with pytest.raises(ValidationError, match=said):
+@pytest.mark.parametrize("login", [{"user": "mill"}, {"password_file": "secret"}])
+def test_a_login_that_is_incomplete_is_refused(section: type[BaseModel], login: Mapping[str, object]) -> None:
+    with pytest.raises(ValidationError, match="user and password_file go together"):
         section.model_validate({**SECTIONS[section], **login})
     section.model_validate({**SECTIONS[section], "user": "mill", "password_file": "secret"})
 
