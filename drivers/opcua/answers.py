@@ -10,6 +10,8 @@ from drivers.opcua.nodes import NodeName, NodeValue
 
 SERVER_TIME: Final = NodeId.from_string("i=2258")
 """Server_ServerStatus_CurrentTime, which every server has (Part 5, 6.3.1)."""
+NAMESPACES: Final = NodeId.from_string("i=2255")
+"""Server_NamespaceArray, which every server has."""
 MOST_NODES: Final = NodeId.from_string("i=11705")
 """Server_ServerCapabilities_OperationLimits_MaxNodesPerRead, which a server may have (Part 5, 6.3.11)."""
 
@@ -18,6 +20,12 @@ def count_in(data: DataValue) -> int:
     """The value of a node that holds a count; 0 if it does not."""
     value = None if data.Value is None else data.Value.Value
     return value if isinstance(value, int) and value > 0 else 0
+
+
+def names_in(data: DataValue) -> list[str]:
+    """The value of a node that holds a list of names; empty where one is not a text."""
+    value = None if data.Value is None else data.Value.Value
+    return [name if isinstance(name, str) else "" for name in value] if isinstance(value, list) else []
 
 
 def node_id(name: NodeName, namespaces: Sequence[str]) -> NodeId | None:

@@ -3,7 +3,6 @@
 import struct
 from collections.abc import Mapping, Sequence
 from datetime import datetime
-from time import monotonic
 
 from drivers.base import Clock, Quality, Reading, WrongDevice
 from drivers.faults import Fault
@@ -22,7 +21,7 @@ class OpcUaDevice:
         self, device: str, bus: OpcUaBus, profile: OpcUaProfile, channels: Mapping[str, int], clock: Clock
     ) -> None:
         self.device, self.channels = device, tuple(channels)
-        self._bus, self._profile = bus, profile
+        self._bus, self._profile, self._clock = bus, profile, clock
         self._nodes = {name: profile.nodes[number] for name, number in channels.items()}
         self._names = tuple(profile.names[number] for number in channels.values())
         self._measured: dict[str, tuple[datetime, float]] = {}
@@ -40,17 +39,18 @@ class OpcUaDevice:
                 hint=values[0].detail or Text("opcua_compare_ids"),
             )
 
-    async def read(self, *, again: bool = False) -> Sequence[Reading]:  # noqa: ARG002
+    async def read(self, *, again: bool = False) -> Sequence[Reading]:
         """One reading per channel; with `max_age_s` each is as old as its source timestamp says. A node that cannot be
         read affects its own channel only."""
-        found, now_s = dict(zip(self._nodes, await self._ask(), strict=True)), monotonic()
+        found, now_s = dict(zip(self._nodes, await self._ask(again=again), strict=True)), self._clock.monotonic()
         return self._maker.make_aged({name: self._judged(name, value, now_s) for name, value in found.items()})
 
     async def close(self) -> None:
         """Nothing to close: the session is the bus's."""
 
-    async def _ask(self) -> list[NodeValue]:
-        return await self._bus.read(self.device, self._names, aged=self._profile.max_age_s is not None)
+    async def _ask(self, *, again: bool = False) -> list[NodeValue]:
+        aged = self._profile.max_age_s is not None
+        return await self._bus.read(self.device, self._names, aged=aged, again=again)
 
     def _judged(self, channel: str, found: NodeValue, now_s: float) -> tuple[float | Fault, float]:
         """The value and its age, s."""

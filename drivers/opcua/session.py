@@ -24,7 +24,7 @@ from asyncua.ua.uatypes import DataValue, Int16, NodeId, StatusCode, String, Var
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused, SetupError, WrongDevice
 from drivers.credential_files import secret_in
 from drivers.error_words import in_words
-from drivers.opcua.answers import MOST_NODES, SERVER_TIME, count_in, node_id, node_value, time_in
+from drivers.opcua.answers import MOST_NODES, NAMESPACES, SERVER_TIME, count_in, names_in, node_id, node_value, time_in
 from drivers.opcua.certificates import application_uri, check_key, valid_certificate
 from drivers.opcua.nodes import NO_NAMESPACE, NodeName, NodeValue, moved
 from drivers.opcua.settings import OpcUaServer, with_port
@@ -41,6 +41,7 @@ _POLICIES: Mapping[str, type[SecurityPolicy]] = {
     policy.URI.partition("#")[2]: policy
     for policy in (SecurityPolicyBasic256Sha256, SecurityPolicyAes128Sha256RsaOaep, SecurityPolicyAes256Sha256RsaPss)
 }
+_READS = Text("opcua_reads")
 T = TypeVar("T")
 OpcUaNumber = float | int | bool
 
@@ -58,13 +59,16 @@ class OpcUaSession:
         rights: Mapping[str, str],
         namespace_uri: str | None = None,
         kept_s: float = KEPT_S,
+        patience_s: float = 0.0,
     ) -> None:
         """
         rights: which part of a node's name needs which right on the control; used in hints
         namespace_uri: of the nodes that are named by their path; the server must have it
         kept_s: how long the server shall keep the session without a request; see `kept_s`
+        patience_s: how long one answer may take, if longer than the settings' timeout; one that takes longer does not
+            end the session
         """
-        self._settings = settings
+        self._settings, self._limit_s = settings, max(settings.timeout_s, patience_s)
         self._device = device
         self._rights = rights
         self._client: Client | None = None
@@ -95,9 +99,9 @@ class OpcUaSession:
 
     async def _connect(self) -> None:
         settings = self._settings
-        client = Client(
-            with_port(settings.url), timeout=settings.timeout_s, watchdog_intervall=max(settings.timeout_s, 5.0)
-        )
+        looks_s = self._asked_s / 2 if self._limit_s > settings.timeout_s else max(self._limit_s, 5.0)
+        client = Client(with_port(settings.url), timeout=self._limit_s, watchdog_intervall=looks_s)
+        client.nodes.server_state = client.nodes.namespace_array  # what it looks at; some may not read the state
         client.name = "talc-gateway"
         client.session_timeout = round(self._asked_s * 1e3)
         if settings.user and settings.password_file is not None:
@@ -116,12 +120,9 @@ class OpcUaSession:
                 await _drop(client)
         self._client, self._kept_s = client, client.session_timeout * 1e-3  # as the server has revised it
         self._nodes.clear()
-        namespaces = await self._ask(client.get_namespace_array(), Text("opcua_reads_namespaces")) or []
-        self._namespaces = namespaces
-        self._most_nodes = 0
-        with suppress(BadAnswer, Refused):
-            (limit,) = await self._read([MOST_NODES])
-            self._most_nodes = count_in(limit)
+        names, limit = await self._read([NAMESPACES, MOST_NODES], Text("opcua_reads_namespaces"))
+        self._namespaces = namespaces = names_in(names)
+        self._most_nodes = count_in(limit) or self._most_nodes
         wanted = self._namespace_uri
         if wanted is None:
             return
@@ -197,14 +198,14 @@ class OpcUaSession:
         known = self._known.setdefault(index, uri) if uri else self._known.get(index, "")
         return None if known == uri else moved(index, known, uri)
 
-    async def _read(self, nodes: list[NodeId]) -> list[DataValue]:
+    async def _read(self, nodes: list[NodeId], what: str = _READS) -> list[DataValue]:
         """Their values, in parts if the server limits how many it reads at once, whether it states that or not."""
         client, found = self._open(), list[DataValue]()
         while len(found) < len(nodes):
             most = self._most_nodes or len(nodes)
             part = nodes[len(found) : len(found) + most]
             try:
-                answer = await self._ask(client.uaclient.read_attributes(part, AttributeIds.Value), Text("opcua_reads"))
+                answer = await self._ask(client.uaclient.read_attributes(part, AttributeIds.Value), what)
             except BadAnswer as error:
                 if len(part) == 1 or getattr(error.__cause__, "code", None) != TOO_MANY:
                     raise
@@ -286,7 +287,8 @@ class OpcUaSession:
         except (UaError, OSError, TimeoutError) as error:
             if reset and isinstance(error, TimeoutError) and self._client is not None:
                 _reset(self._client)
-            if not isinstance(error, UaStatusCodeError) or error.code in LOST:
+            is_late = isinstance(error, TimeoutError) and self._limit_s > self._settings.timeout_s
+            if not is_late and (not isinstance(error, UaStatusCodeError) or error.code in LOST):
                 await self.close()
             raise self._translated(error, what) from error
 
@@ -317,7 +319,7 @@ class OpcUaSession:
     def _translated(self, error: Exception, what: str) -> DriverError:
         """Our error for a library error in an open session."""
         if isinstance(error, TimeoutError):
-            silent = Text("opcua_no_answer", timeout_s=self._settings.timeout_s, what=what)
+            silent = Text("opcua_no_answer", timeout_s=self._limit_s, what=what)
             return NoAnswer(silent, device=self._device, hint=Text("opcua_slow"))
         if isinstance(error, UaStatusCodeError) and error.code not in LOST:
             kind = Refused if error.code in DENIED else BadAnswer
@@ -364,7 +366,7 @@ class OpcUaSession:
             hint = Text("opcua_is_server")
             if self._settings.security != "none":
                 hint = Text("opcua_server_certificate")
-            return NoAnswer(Text("opcua_silent", url=url, timeout_s=self._settings.timeout_s), device=device, hint=hint)
+            return NoAnswer(Text("opcua_silent", url=url, timeout_s=self._limit_s), device=device, hint=hint)
         return self._cannot_open(error)
 
     def _cannot_open(self, error: Exception) -> ConnectError:

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.benches.strangers import can_trial, me_trial
+from tests.benches.strangers import can_trial, me_trial, opcua_trial
 from tests.benches.strangers.modbus_nature import Nature
 from tests.benches.strangers.modbus_trial import Trial, tried
 
@@ -60,7 +60,14 @@ def test_one_that_keeps_an_answer_for_longer_than_any_is_late(behind: int) -> No
     """It comes at the next request, half a minute later, and looks like the answer to that."""
     trial = Trial(Nature("rtu", blocks=2, behind=behind, period_s=30.0, timeout_s=1.2), 1)
     trial.run()
-    assert not trial.wrong
+    assert not trial.ours.wrong
+
+
+@pytest.mark.parametrize("seed", [*range(24), 39, 98, 115, 194, 244])
+def test_opc_ua_servers(seed: int) -> None:
+    """The first ones, and some that are slow, lose requests or hang up; `--of opcua` tries more of them."""
+    trial = opcua_trial.tried(seed)
+    assert not list(trial.problems()), trial.nature
 
 
 @pytest.mark.parametrize("nature", SLOW, ids=str)

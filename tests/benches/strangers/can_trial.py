@@ -6,14 +6,11 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from functools import cache
-from itertools import count, pairwise
+from itertools import pairwise
 from pathlib import Path
 
-from drivers.base import Quality
 from drivers.build import make_device
 from gateway.acquisition.line import Line
-from gateway.acquisition.runner import BusRunner
-from gateway.model.notice import Notice
 from gateway.model.sample import Sample
 from gateway.runtime.clocks import RealClock
 from simulators.devices import SlcanAdapter
@@ -24,6 +21,7 @@ from tests.benches.strangers.can_node import OBJECTS, CanNature, ForeignNode, ag
 from tests.benches.strangers.driven_loop import DrivenLoop, run_driven
 from tests.benches.strangers.least_readings import FEW, READ, least_readings
 from tests.benches.strangers.nature import shown
+from tests.benches.strangers.polled import Polled
 
 PERIODS = 40
 WITHIN = 20
@@ -56,13 +54,8 @@ class CanTrial:
     def __init__(self, nature: CanNature, seed: int) -> None:
         self.nature, self.seed = nature, seed
         self.lasts_s = PERIODS * nature.period_s
-        self.wrong: list[str] = []
-        self.good: list[float] = []
-        """When all channels of the odd node were good."""
-        self.honest: list[float] = []
-        """When the neighbour was read."""
-        self.said: dict[str, int] = {}
-        self.notices: list[str] = []
+        self.ours = Polled(self._wrong)
+        self.said, self.notices = self.ours.said, self.ours.notices
         self.plain: list[tuple[float, float | None]] = []
         """When each round was due, and how long a plain client took for it; None: it could not."""
 
@@ -105,50 +98,26 @@ class CanTrial:
             options = {"transfer": nature.transfer} if node.node == _ODD else {}
             channels = {f"{node.node}.{i}": i for i in range(nature.objects)}
             drivers.append(make_device(f"n{node.node}", bus, _profile(), node.node, channels, options, clock))
-        began_s = loop.time()
-        last_s = dict.fromkeys((_ODD, _HONEST), began_s)
-
-        def publish(samples: Sequence[Sample]) -> None:
-            node, now_s = int(samples[0].channel[0]), loop.time()
-            self._judge(samples, node, now_s - began_s, now_s - last_s[node], now_s)
-            last_s[node] = now_s
-
-        def notify(notice: Notice) -> None:
-            self.notices.append(f"{loop.time() - began_s:.2f} s: {'end: ' if notice.ended else ''}{notice.text}")
-
-        line = Line(bus, tuple(drivers), nature.period_s)
-        running = asyncio.ensure_future(BusRunner(line, clock, publish, notify, count(1).__next__, quiet=True).run())
-        await asyncio.sleep(self.lasts_s)
-        running.cancel()
-        with suppress(asyncio.CancelledError):
-            await running
+        self._began_s = loop.time()
+        await self.ours.run(Line(bus, tuple(drivers), nature.period_s), clock, self.lasts_s)
         for node in nodes:
             node.stop()
         await adapter.stop()
 
-    def _judge(self, samples: Sequence[Sample], node: int, at_s: float, since_s: float, now_s: float) -> None:
-        """at_s: since the beginning; since_s: since its last reading"""
+    def _wrong(self, sample: Sample, at_s: float, last_s: float) -> str:
+        node, number, held = int(sample.channel[0]), int(sample.channel[2:]), int(sample.value)
+        if told(held) != (node, number):
+            return f"shows {told(held)}"
         sent_s = _TIMES * self.nature.event_s if node == _ODD else 0.0
-        for sample in samples:
-            if sample.quality is not Quality.GOOD:
-                self.said[sample.detail] = self.said.get(sample.detail, 0) + 1
-                continue
-            number, held = int(sample.channel[2:]), int(sample.value)
-            if told(held) != (node, number):
-                self.wrong.append(f"{at_s:.2f} s: {sample.channel} shows {told(held)}")
-            elif age_s(held, now_s) > since_s + sent_s + _STEP_S:
-                self.wrong.append(f"{at_s:.2f} s: {sample.channel} is {age_s(held, now_s):.2f} s old")
-        if node == _HONEST:
-            self.honest.append(at_s)
-        elif all(sample.quality is Quality.GOOD for sample in samples):
-            self.good.append(at_s)
+        old_s = age_s(held, self._began_s + at_s)
+        return f"is {old_s:.2f} s old" if old_s > at_s - last_s + sent_s + _STEP_S else ""
 
     def problems(self) -> Iterator[str]:
         """What is not as it must be."""
-        yield from self.wrong[:3]
+        yield from self.ours.wrong[:3]
         nature = self.nature
         since_s = WITHIN * nature.period_s
-        ours = sum(s >= since_s for s in self.good)
+        ours = min(self.ours.readings(f"{_ODD}.{i}", since_s) for i in range(nature.objects))
         rounds = [took_s for due_s, took_s in self.plain if due_s >= since_s]
         if nature.transfer == "sdo":
             if ours < least_readings(rounds, nature.period_s):
@@ -158,7 +127,7 @@ class CanTrial:
             and nature.took_s + nature.jitter_s < nature.timeout_s
         ) and ours < READ * (PERIODS - WITHIN) - FEW:
             yield f"{ours} readings of {PERIODS - WITHIN}"
-        gaps = sorted(b - a for a, b in pairwise(s for s in self.honest if s >= since_s))
+        gaps = sorted(b - a for a, b in pairwise(s for s in self.ours.polled.get(f"{_HONEST}.0", ()) if s >= since_s))
         if nature.neighbour and gaps[-len(gaps) // 10 - 1] > 1.2 * nature.period_s:
             yield f"the neighbour is read after up to {gaps[-1]:.2f} s"
 
@@ -205,4 +174,4 @@ def tried(seed: int) -> CanTrial:
 def show(seed: int) -> dict[str, object]:
     """All of one seed, to look at."""
     trial = tried(seed)
-    return shown(trial, len(trial.good), trial.plain)
+    return shown(trial, {c: len(v) for c, v in trial.ours.good.items()}, trial.plain)

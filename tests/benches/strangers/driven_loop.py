@@ -85,6 +85,7 @@ class DrivenLoop(asyncio.BaseEventLoop):
             raise ConnectionRefusedError(111, "Connection refused")
         line = Line(self, factory(), served)
         self._lines = [*(one for one in self._lines if one.is_open), line]
+        line.protocol.connection_made(line)
         served.connected(line)
         return line, line.protocol
 
@@ -118,6 +119,7 @@ class Line(asyncio.Transport):
         if self.is_open:
             self.is_open = False
             self._host.left(self)
+            self._loop.call_soon(self.protocol.connection_lost, None)
 
     def is_closing(self) -> bool:
         return not self.is_open
@@ -164,7 +166,17 @@ class LoopClock:
 
 
 def run_driven(main: Callable[[DrivenLoop], Any]) -> Any:
-    """As asyncio.run, on a driven loop, which `main` is given."""
-    loop = DrivenLoop()
+    """As asyncio.run, on a driven loop, which `main` is given. Raises the first error of a callback, such as a host's
+    too."""
+    loop, errors = DrivenLoop(), list[BaseException]()
+
+    def keep(_: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        if "handle" in context:
+            errors.append(context["exception"])
+
     with asyncio.Runner(loop_factory=lambda: loop) as runner:
-        return runner.run(main(loop))
+        loop.set_exception_handler(keep)
+        result = runner.run(main(loop))
+    if errors:
+        raise errors[0]
+    return result

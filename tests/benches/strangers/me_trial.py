@@ -3,22 +3,18 @@
 import asyncio
 import random
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import suppress
-from itertools import count
 
-from drivers.base import Quality
 from drivers.build import make_device
-from drivers.text import Text
 from gateway.acquisition.line import Line
-from gateway.acquisition.runner import BusRunner
-from gateway.model.notice import Notice
 from gateway.model.sample import Sample
 from tests.benches.buses import make_bus
 from tests.benches.strangers.driven_loop import DrivenLoop, LoopClock, run_driven
 from tests.benches.strangers.least_readings import FEW, IN_TIME, READ
 from tests.benches.strangers.me_host import ForeignController, MeNature, age_s, drawn, told
 from tests.benches.strangers.nature import shown
+from tests.benches.strangers.polled import Polled
 
 PERIODS = 50
 WITHIN = 20
@@ -43,11 +39,8 @@ class MeTrial:
     def __init__(self, nature: MeNature, seed: int) -> None:
         self.nature, self.seed = nature, seed
         self.lasts_s = PERIODS * nature.period_s
-        self.wrong: list[str] = []
-        self.good: dict[str, list[float]] = {str(channel): [] for channel in range(nature.channels)}
-        self.said: dict[str, int] = {}
-        self.codes: set[str] = set()
-        self.notices: list[str] = []
+        self.ours = Polled(self._wrong)
+        self.said, self.notices = self.ours.said, self.ours.notices
         self.plain: list[float] = []
         """When it had read all, s after the beginning, and within the period and the timeout."""
 
@@ -56,6 +49,7 @@ class MeTrial:
         run_driven(self._plain)
 
     def _host(self, loop: DrivenLoop) -> None:
+        self._began_s = loop.time()
         loop.hosts["host"] = ForeignController(loop, self.nature, random.Random(self.seed))
 
     async def _plain(self, loop: DrivenLoop) -> None:
@@ -78,54 +72,31 @@ class MeTrial:
 
     async def _gateway(self, loop: DrivenLoop) -> None:
         self._host(loop)
-        nature, clock, began_s = self.nature, LoopClock(loop), loop.time()
+        nature, clock = self.nature, LoopClock(loop)
         bus = make_bus("bus", "me_ethernet", {"host": "host", "port": 10001, "timeout_s": nature.timeout_s})
-        channels = {name: int(name) for name in self.good}
+        channels = {str(channel): channel for channel in range(nature.channels)}
         driver = make_device("d", bus, "me_ethernet", 1, channels, {"range_um": _RANGE_UM}, clock)
-        last_s = began_s
+        await self.ours.run(Line(bus, (driver,), nature.period_s), clock, self.lasts_s)
 
-        def publish(samples: Sequence[Sample]) -> None:
-            nonlocal last_s
-            now_s = loop.time()
-            for sample in samples:
-                if sample.quality is not Quality.GOOD:
-                    self._says(sample.detail)
-                    continue
-                found = round(sample.value * 100)
-                if told(found)[0] != int(sample.channel):
-                    self.wrong.append(f"{now_s - began_s:.2f} s: {sample.channel} shows {found:X} hex")
-                elif age_s(found, now_s) > now_s - last_s + _STEP_S:
-                    self.wrong.append(f"{now_s - began_s:.2f} s: {sample.channel} is {age_s(found, now_s):.2f} s old")
-                self.good[sample.channel].append(now_s - began_s)
-            last_s = now_s
-
-        def notify(notice: Notice) -> None:
-            self.notices.append(f"{loop.time() - began_s:.2f} s: {'end: ' if notice.ended else ''}{notice.text}")
-
-        runner = BusRunner(Line(bus, (driver,), nature.period_s), clock, publish, notify, count(1).__next__, quiet=True)
-        running = asyncio.ensure_future(runner.run())
-        await asyncio.sleep(self.lasts_s)
-        running.cancel()
-        with suppress(asyncio.CancelledError):
-            await running
-
-    def _says(self, detail: str) -> None:
-        self.said[detail] = self.said.get(detail, 0) + 1
-        if isinstance(detail, Text):
-            self.codes |= {code for code in _CAUSES.values() if detail.says(code)}
+    def _wrong(self, sample: Sample, at_s: float, last_s: float) -> str:
+        found = round(sample.value * 100)
+        if told(found)[0] != int(sample.channel):
+            return f"shows {found:X} hex"
+        old_s = age_s(found, self._began_s + at_s)
+        return f"is {old_s:.2f} s old" if old_s > at_s - last_s + _STEP_S else ""
 
     def problems(self) -> Iterator[str]:
         """What is not as it must be."""
-        yield from self.wrong[:3]
+        yield from self.ours.wrong[:3]
         nature, since_s = self.nature, WITHIN * self.nature.period_s
-        theirs, ours = (sum(s >= since_s for s in read) for read in (self.plain, self.good["0"]))
+        theirs, ours = sum(s >= since_s for s in self.plain), self.ours.readings("0", since_s)
         if ours < READ * theirs - FEW:
             yield f"{ours} readings, a plain client has {theirs} in time"
         is_heard = not (nature.mute_s or nature.lingers_s or nature.closes_s or nature.loses or nature.noise)
         is_long = nature.burst_s > 3 * max(nature.period_s, nature.block_s) + nature.timeout_s
         is_sent = nature.block_s < nature.timeout_s / 2 and self.lasts_s > nature.every_s
         cause = _CAUSES.get(nature.burst)
-        if cause and is_heard and is_long and is_sent and cause not in self.codes:
+        if cause and is_heard and is_long and is_sent and not self.ours.says(cause):
             yield f"nothing says {cause}"
 
 
@@ -176,4 +147,4 @@ def tried(seed: int) -> MeTrial:
 def show(seed: int) -> dict[str, object]:
     """All of one seed, to look at."""
     trial = tried(seed)
-    return shown(trial, {c: len(v) for c, v in trial.good.items()}, len(trial.plain))
+    return shown(trial, {c: len(v) for c, v in trial.ours.good.items()}, len(trial.plain))

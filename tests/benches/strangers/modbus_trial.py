@@ -1,19 +1,14 @@
 """Reads a drawn Modbus device with the gateway's acquisition and with a plain client, and compares."""
 
-import asyncio
 import random
 import tempfile
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from functools import cache
-from itertools import count, pairwise
+from itertools import pairwise
 from pathlib import Path
 
-from drivers.base import Quality
 from drivers.build import make_device
 from gateway.acquisition.line import Line
-from gateway.acquisition.runner import BusRunner
-from gateway.model.notice import Notice
 from gateway.model.sample import Sample
 from tests.benches.buses import make_bus
 from tests.benches.strangers.driven_loop import DrivenLoop, LoopClock, run_driven
@@ -22,6 +17,7 @@ from tests.benches.strangers.modbus_client import Wanted, plainly_read
 from tests.benches.strangers.modbus_host import ForeignModbus
 from tests.benches.strangers.modbus_nature import Memory, Nature, age_s, drawn, told
 from tests.benches.strangers.nature import shown
+from tests.benches.strangers.polled import Polled
 
 PERIODS = 50
 WITHIN = 20
@@ -64,14 +60,12 @@ class Trial:
         self.lasts_s = PERIODS * nature.period_s
         self.ignores_numbers = nature.number != "right" and nature.in_order and bool(seed % 2)
         """Whether the gateway is told to, and the plain client does."""
-        self.wrong: list[str] = []
-        self.good: dict[str, list[float]] = {}
-        self.polled: dict[int, list[float]] = {unit: [] for unit in self.units}
-        self.said: dict[str, int] = {}
-        self.notices: list[str] = []
+        self.ours = Polled(self._wrong)
+        self.said, self.notices = self.ours.said, self.ours.notices
         self.plain: list[dict[int, float]] = []
 
     def _host(self, loop: DrivenLoop) -> None:
+        self._began_s = loop.time()
         memories = {unit: memory_of(self.nature, unit) for unit in self.units}
         loop.hosts["host"] = ForeignModbus(loop, self.nature, memories, random.Random(self.seed))
 
@@ -93,7 +87,7 @@ class Trial:
 
     async def _gateway(self, loop: DrivenLoop) -> None:
         self._host(loop)
-        nature, clock, began_s = self.nature, LoopClock(loop), loop.time()
+        nature, clock = self.nature, LoopClock(loop)
         kind = "modbus_tcp" if nature.wire == "tcp" else "modbus_rtu_tcp"
         options = {"transaction_id": "ignore"} if self.ignores_numbers else {}
         bus = make_bus("bus", kind, {"host": "host", "port": 502, "timeout_s": nature.timeout_s, **options})
@@ -102,49 +96,29 @@ class Trial:
         for unit in self.units:
             channels = {f"{unit}.{i}": i for i in range(sum(b[2] for b in blocks_of(nature)))}
             drivers.append(make_device(f"d{unit}", bus, profile, unit, channels, {}, clock))
-            self.good.update((name, []) for name in channels)
-        last_s = dict.fromkeys(self.units, began_s)
+        await self.ours.run(Line(bus, tuple(drivers), nature.period_s), clock, self.lasts_s)
 
-        def publish(samples: Sequence[Sample]) -> None:
-            unit, now_s = int(samples[0].channel[0]), loop.time()
-            for sample in samples:
-                if sample.quality is not Quality.GOOD:
-                    self.said[sample.detail] = self.said.get(sample.detail, 0) + 1
-                    continue
-                number, word = int(sample.channel[2:]), int(sample.value)
-                if told(word)[:2] != (unit, number):
-                    self.wrong.append(f"{now_s - began_s:.2f} s: {sample.channel} shows register {told(word)[:2]}")
-                elif age_s(word, now_s) > now_s - last_s[unit] + _STEP_S:
-                    self.wrong.append(f"{now_s - began_s:.2f} s: {sample.channel} is {age_s(word, now_s):.2f} s old")
-                self.good[sample.channel].append(now_s - began_s)
-            last_s[unit] = now_s
-            self.polled[unit].append(now_s - began_s)
-
-        def notify(notice: Notice) -> None:
-            self.notices.append(f"{loop.time() - began_s:.2f} s: {'end: ' if notice.ended else ''}{notice.text}")
-
-        line = Line(bus, tuple(drivers), nature.period_s)
-        runner = BusRunner(line, clock, publish, notify, count(1).__next__, quiet=True)
-        running = asyncio.ensure_future(runner.run())
-        await asyncio.sleep(self.lasts_s)
-        running.cancel()
-        with suppress(asyncio.CancelledError):
-            await running
+    def _wrong(self, sample: Sample, at_s: float, last_s: float) -> str:
+        unit, number, word = int(sample.channel[0]), int(sample.channel[2:]), int(sample.value)
+        if told(word)[:2] != (unit, number):
+            return f"shows register {told(word)[:2]}"
+        old_s = age_s(word, self._began_s + at_s)
+        return f"is {old_s:.2f} s old" if old_s > at_s - last_s + _STEP_S else ""
 
     def problems(self) -> Iterator[str]:
         """What is not as it must be."""
-        yield from self.wrong[:3]
+        yield from self.ours.wrong[:3]
         period_s = self.nature.period_s
         since_s = WITHIN * period_s
         rounds = self.plain[WITHIN * len(self.plain) // PERIODS :]
         for unit in self.units:
             theirs = [read.get(unit) for read in rounds]
-            ours = sum(s >= since_s for s in self.good[f"{unit}.0"])
+            ours = self.ours.readings(f"{unit}.0", since_s)
             if ours < least_readings(theirs, period_s):
                 had = [took_s for took_s in theirs if took_s is not None]
                 yield f"unit {unit}: {ours} readings, a plain client has {len(had)}, each in {max(had):.2f} s or less"
         if self.nature.units == 2 and self.nature.only_last and self._is_of_a_unit:
-            gaps = sorted(b - a for a, b in pairwise(s for s in self.polled[1] if s >= since_s))
+            gaps = sorted(b - a for a, b in pairwise(s for s in self.ours.polled["1.0"] if s >= since_s))
             often_s = gaps[-len(gaps) // 10 - 1]
             if often_s > 1.2 * self.nature.period_s:
                 yield f"unit 1 is polled after up to {gaps[-1]:.2f} s, often {often_s:.2f} s"
@@ -167,4 +141,4 @@ def tried(seed: int) -> Trial:
 def show(seed: int) -> dict[str, object]:
     """All of one seed, to look at."""
     trial = tried(seed)
-    return shown(trial, {c: len(v) for c, v in trial.good.items()}, trial.plain)
+    return shown(trial, {c: len(v) for c, v in trial.ours.good.items()}, trial.plain)

@@ -2,10 +2,10 @@
 
 import logging
 from collections.abc import Awaitable, Callable
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from asyncua.client.client import Client
 from asyncua.client.ua_client import UaClient
 
 from drivers.base import BadAnswer, DriverError, SystemClock
@@ -67,19 +67,18 @@ def _spoilt(genuine: ServiceCall, spoil: Callable[[list[Any]], object]) -> Servi
 
 async def test_a_namespace_array_of_another_kind_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     async with sinumerik_bench() as bench:
+        genuine = UaClient.read_attributes
         for namespaces in (None, [], [None], [1, 2]):
-            monkeypatch.setattr(Client, "get_namespace_array", _answering(namespaces))
+            monkeypatch.setattr(UaClient, "read_attributes", _spoilt(genuine, _first_holds(namespaces)))
             nc = Sinumerik(SinumerikSettings(security="none", url=bench.url), SystemClock())
             with pytest.raises(DriverError, match="namespace"):
                 await nc.connect()
             await nc.close()
 
 
-def _answering(answer: object) -> ServiceCall:
-    async def answered(*_: object) -> object:
-        return answer
-
-    return answered
+def _first_holds(value: object) -> Callable[[list[Any]], object]:
+    data = SimpleNamespace(Value=SimpleNamespace(Value=value))
+    return lambda good: [data, *good[1:]]
 
 
 async def test_damaged_bytes_raise_nothing_but_driver_errors() -> None:
