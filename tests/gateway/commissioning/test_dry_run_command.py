@@ -14,6 +14,7 @@ from simulators.nc.cycle import CycleAnswer, CycleState
 from simulators.nc.nck import R_VERSION
 from tests.benches.command import beside, here
 from tests.benches.service_file import MACHINE, adam6015
+from tests.benches.started import started
 
 CYCLE = CycleSettings(duration_s=1.2, approach_s=0.1)
 TEXT = (
@@ -46,10 +47,8 @@ ASKS = "no dry run was done"
 @asynccontextmanager
 async def emulated() -> AsyncIterator[tuple[EmulatedControl, str]]:
     control = lone_control(OwnTime(), CYCLE, 5.0, 0)
-    try:
-        yield control, await control.start()
-    finally:
-        await control.stop()
+    async with started(control) as url:
+        yield control, url
 
 
 def test_it_is_asked_for_until_it_has_gone_well_with_this_geometry(tmp_path: Path) -> None:

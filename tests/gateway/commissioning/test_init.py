@@ -5,11 +5,10 @@ import re
 import shlex
 import shutil
 import sys
-from collections.abc import AsyncIterator, Iterator, Mapping
-from contextlib import asynccontextmanager, contextmanager
+from collections.abc import AsyncIterator, Mapping
+from contextlib import AbstractContextManager, asynccontextmanager
 from pathlib import Path
 from shutil import copy
-from threading import Event, Thread
 
 import pytest
 from asyncua.crypto.cert_gen import setup_self_signed_certificate
@@ -29,31 +28,16 @@ from tests.benches.command import beside, here
 from tests.benches.emulated_bench import Rigid
 from tests.benches.mtconnect_agent import mtconnect_agent
 from tests.benches.reference_agent import REFERENCE, served_agent
+from tests.benches.started import Place, Server, started
 
 pytestmark = [pytest.mark.simulated_time, pytest.mark.filterwarnings("ignore:datetime:DeprecationWarning")]
 
 SEVEN = [20.0, 21.0, 22.0, 23.0, 24.0, 25.0, 26.0]
 
 
-@contextmanager
-def answering(wire: TcpHost | RtuLine) -> Iterator[int | str]:
-    """The place of devices that answer on another thread: the command has its own event loop."""
-    listening, done, places = Event(), Event(), list[int | str]()
-
-    async def serve() -> None:
-        places.append(await wire.start())
-        listening.set()
-        await asyncio.to_thread(done.wait)
-        await wire.stop()
-
-    thread = Thread(target=lambda: asyncio.run(serve()))
-    thread.start()
-    listening.wait()
-    try:
-        yield places[0]
-    finally:
-        done.set()
-        thread.join()
+def answering(wire: Server[Place]) -> AbstractContextManager[Place]:
+    """The place of devices that answer beside the command."""
+    return beside(started(wire))
 
 
 @asynccontextmanager
@@ -76,8 +60,8 @@ async def encrypted_control(folder: Path) -> AsyncIterator[str]:
         users={"talc": User("secret")},
         security=Security(folder / "control.der", folder / "control.pem", (folder / "gateway.der",)),
     )  # fmt: skip
-    yield await control.start()
-    await control.stop()
+    async with started(control) as url:
+        yield url
     await asyncio.get_running_loop().shutdown_default_executor()
 
 

@@ -28,6 +28,8 @@ from simulators.devices.source import SensorFault
 from tests.benches.buses import make_bus
 from tests.benches.command import talc_gateway
 from tests.benches.scripted_bus import ScriptedBus, ScriptedDevice, ScriptedPlant
+from tests.benches.service_file import MACHINE, adam6015
+from tests.benches.started import started
 from tests.benches.stepped_clock import SteppedClock
 
 # A source of values that counts how often its device was read, so that a test can wait for that.
@@ -178,39 +180,23 @@ def test_what_has_no_room_is_counted() -> None:
     assert re.findall(r"\d+", lines[-1]) == [f"{30 - shown}", f"{30 - shown}"], "left out, and of them good"
 
 
-CONFIG = """[machine]
-name = "mill"
-[[bus]]
-name = "tcp1"
-kind = "modbus_tcp"
-host = "127.0.0.1"
-port = {port}
-period_s = 0.1
-timeout_s = 5.0
-[[device]]
-name = "adam"
-bus = "tcp1"
-profile = "advantech_adam6015"
-[device.channels]
-bed = 0
-column = 1
-"""
+def configured(folder: Path, port: int) -> str:
+    fields = f"port = {port}\nperiod_s = 0.1\ntimeout_s = 5.0"
+    file = folder / "gateway.toml"
+    file.write_text(MACHINE + adam6015("bed = 0, column = 1", "127.0.0.1", fields), encoding="utf-8")
+    return str(file)
 
 
 @pytest.mark.slow
 async def test_lines_show_values_and_problems_where_there_is_no_terminal(tmp_path: Path) -> None:
-    file = tmp_path / "gateway.toml"
     source = CountedSource([20.0, 30.0, *[0.0] * 5])
     adam = Adam6015(source)
     adam.faults.set(1, SensorFault.OPEN)
-    host = TcpHost({1: adam})
-    file.write_text(CONFIG.format(port=await host.start()), encoding="utf-8")
-    try:
+    async with started(TcpHost({1: adam})) as port:
+        file = configured(tmp_path, port)
         # Asked for the third time, it has taken the second answer.
         enough = partial(source.reads, 3)
-        done = await talc_gateway("probe", str(file), "--watch", "--every", "0.5", interrupt=enough)
-    finally:
-        await host.stop()
+        done = await talc_gateway("probe", file, "--watch", "--every", "0.5", interrupt=enough)
     *_, last = lines = done.out.splitlines()
     problems = [line.partition(" ")[2] for line in lines if "channel " in line]
     assert problems == [
@@ -222,9 +208,8 @@ async def test_lines_show_values_and_problems_where_there_is_no_terminal(tmp_pat
 
 
 async def test_table_is_drawn_on_a_terminal_until_ctrl_c(tmp_path: Path) -> None:
-    file = tmp_path / "gateway.toml"
     host = TcpHost({1: Adam6015(lambda: [20.0, 30.0, *[0.0] * 5])})
-    file.write_text(CONFIG.format(port=await host.start()), encoding="utf-8")
+    file = configured(tmp_path, await host.start())
     ours, theirs = pty.openpty()
     ioctl(ours, TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
     environment = {**os.environ, "TERM": "xterm"}
@@ -242,7 +227,7 @@ async def test_table_is_drawn_on_a_terminal_until_ctrl_c(tmp_path: Path) -> None
     loop = asyncio.get_running_loop()
     loop.add_reader(ours, read)
     process = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "gateway", "probe", str(file), "--watch"), stdout=theirs, stderr=theirs, env=environment
+        *(sys.executable, "-m", "gateway", "probe", file, "--watch"), stdout=theirs, stderr=theirs, env=environment
     )
     try:
         async with asyncio.timeout(300.0):

@@ -10,8 +10,8 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import asynccontextmanager, contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractAsyncContextManager, contextmanager
 from pathlib import Path
 
 import pytest
@@ -28,30 +28,16 @@ from simulators.nc.nck import JOG, R_REQUEST
 from simulators.nc.watchdog import R_BEAT, R_OWNER, R_RAMP, R_SILENCE
 from tests.benches.command import LIMIT_S, beside, here
 from tests.benches.free_port import free_port
+from tests.benches.service_file import MACHINE, adam6015
 from tests.benches.simulated_time import jump_wall_clock
 from tests.benches.small_run import START
 from tests.benches.soak import RightClock
+from tests.benches.started import started
 
 PAGE = Path(__file__).parents[3] / "docs" / "arming.md"
 REFERENCE_S = 90.0
 """About how long the first five cycles of the page's rehearsal take; the table is still until then."""
 SHIFTED = re.compile(r"shifted by X (\S+), Y (\S+), Z (\S+) µm")
-SENSORS = """
-[machine]
-name = "rehearsal"
-[telemetry]
-{telemetry}
-[[bus]]
-name = "tcp1"
-kind = "modbus_tcp"
-host = "127.0.0.1"
-port = {modbus}
-[[device]]
-name = "adam"
-bus = "tcp1"
-profile = "advantech_adam6015"
-channels = {{ column = 0, table = 1 }}
-"""
 QUICKLY = """
 [storage]
 path = "rehearsal.sqlite"
@@ -109,12 +95,14 @@ def program(out: Path, *arguments: str) -> Iterator[Program]:
         process.wait()
 
 
-@asynccontextmanager
-async def adam() -> AsyncIterator[int]:
+def adam() -> AbstractAsyncContextManager[int]:
     """A thermometer module at rest; its TCP port."""
-    host = TcpHost({1: Adam6015(lambda: [20.0] * 7)})
-    yield await host.start()
-    await host.stop()
+    return started(TcpHost({1: Adam6015(lambda: [20.0] * 7)}))
+
+
+def sensors(telemetry: str, modbus: int) -> str:
+    module = adam6015("column = 0, table = 1", "127.0.0.1", f"port = {modbus}")
+    return f"{MACHINE}[telemetry]\n{telemetry}\n{module}"
 
 
 def last_shift(lines: list[str]) -> tuple[float, ...]:
@@ -143,8 +131,7 @@ def test_the_rehearsal_of_the_page(tmp_path: Path) -> None:
         lines = "\n".join(line for line in printed if not line.startswith("#"))
         lines = lines.replace("[nc]\n", f"[nc]\n{NC}").replace("[probing]\n", f"[probing]\n{PROBING}")
         telemetry = f'listen = ["tcp/127.0.0.1:{free_port()}"]'
-        sensors = SENSORS.format(telemetry=telemetry, modbus=modbus)
-        file.write_text(sensors + lines + QUICKLY, encoding="utf-8")
+        file.write_text(sensors(telemetry, modbus) + lines + QUICKLY, encoding="utf-8")
         assert "compensation compensate, probing armed" in here("check", str(file)).out
         assert "no dry run" in here("check", str(file)).out
         driven = here("nc", "dry-run", str(file))
@@ -185,15 +172,15 @@ async def test_monitor_and_advise_learn_what_compensate_corrects(tmp_path: Path)
     while not told:
         await asyncio.sleep(0.1)
     async with adam() as modbus:
-        text = SENSORS.format(telemetry="enabled = false", modbus=modbus)
-        text += f"{told[0]}\n{chosen()}"
+        text = sensors("enabled = false", modbus) + f"{told[0]}\n{chosen()}"
         await dry_run(parse(text, tmp_path / "rehearsal.toml"), RightClock(), 50.0, 1.0, print)
         began_s = time.monotonic()
         for mode, for_s in (("monitor", 150.0), ("advise", 120.0), ("compensate", 120.0)):
             assert not any("claimed" in line or "shifted" in line for line in told), f"before {mode}"
-            text = SENSORS.format(telemetry="enabled = false", modbus=modbus)
-            text += told[0] + "\n" + chosen().replace('"compensate"', f'"{mode}"')
-            config, ends = parse(text, tmp_path / "rehearsal.toml"), asyncio.Event()
+            config, ends = (
+                parse(text.replace('"compensate"', f'"{mode}"'), tmp_path / "rehearsal.toml"),
+                asyncio.Event(),
+            )
             assert config.compensation.mode == mode
             running = asyncio.create_task(serve(config, RightClock(), ends, simulated=False, more=[see]))
             await asyncio.wait([running], timeout=for_s)

@@ -1,12 +1,67 @@
 """Which sensor a hand warms: on drawn sensors, and where nothing may be named."""
 
+from collections.abc import Iterator
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 
 from gateway.commissioning.naming.warmed import Track, warmed
-from tests.benches.warming_hands import Hall, session
 
+KEPT = 120
+HELD_S = 45.0
+"""After which the hand lets go and begins again."""
 TIMES = np.arange(40.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Hall:
+    """Sensors as they hang in a hall. Each has its own noise, drift, time constant and contact with the hand."""
+
+    sensors: int
+    drift_k_per_min: float = 0.3
+    neighbour: float = 0.3
+    """The part of the hand's heat that a neighbour gets at most."""
+    step_k: float | None = None
+    """Resolution; None: drawn for each of none, 0.01 and 0.1 K."""
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """One that was named."""
+
+    right: bool
+    after_s: float
+    """Since the hand was laid on it."""
+
+
+def session(hall: Hall, seed: int) -> Iterator[Found]:
+    """Every sensor once, in any order."""
+    draw, n = np.random.default_rng(seed), hall.sensors
+    noise = draw.uniform(0.01, 0.15, n)
+    step = draw.choice([1e-9, 0.01, 0.1], n) if hall.step_k is None else np.full(n, hall.step_k)
+    base, slope = draw.uniform(18.0, 28.0, n), draw.uniform(0.0, hall.drift_k_per_min, n) / 60.0
+    lag_s, gain_k = draw.uniform(5.0, 25.0, n), draw.uniform(3.0, 9.0, n)
+    warm, t_s = np.zeros(n), 0.0
+    for sensor in draw.permutation(n):
+        begun_s, read = t_s + draw.uniform(6.0, 12.0), list[np.ndarray]()
+        heat = np.zeros(n)
+        heat[sensor] = 1.0
+        for beside in {sensor - 1, sensor + 1} & set(range(n)):
+            heat[beside] = draw.uniform(0.0, hall.neighbour)
+        while True:
+            t_s += 1.0
+            held = t_s >= begun_s and (t_s - begun_s) % (2.0 * HELD_S) < HELD_S
+            warm += (heat * gain_k * held - warm) / lag_s
+            values = base + slope * t_s + warm + noise * draw.standard_normal(n)
+            read = [*read[1 - KEPT :], np.round(values / step) * step]
+            times = np.arange(len(read), dtype=np.float64)
+            seen = warmed(
+                {str(i): Track(times, each.astype(np.float64), "degC") for i, each in enumerate(np.array(read).T)}
+            )
+            if seen is not None and seen.clear:
+                yield Found(int(seen.channel) == sensor, t_s - begun_s)
+                break
 
 
 def track(rise: float, unit: str = "degC", noise: float = 0.01, seed: int = 0) -> Track:

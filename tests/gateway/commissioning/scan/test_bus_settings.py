@@ -1,9 +1,6 @@
-"""Outside of their family, settings of a bus are made where a mistake is one line that names the field, and their
-defaults and bounds are not written again."""
+"""Commands that look at a wire by hand have the defaults and bounds of a bus's settings."""
 
-import ast
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Literal
 
 import click
@@ -12,67 +9,15 @@ from click.testing import CliRunner
 from pydantic import Field
 
 from drivers.base import SetupError
-from drivers.build import BUS_KINDS
 from drivers.bus_settings import BusSettings
 from drivers.micro_epsilon.settings import MeEthernetSettings
 from drivers.modbus.settings import ModbusTcpSettings
 from drivers.section import LONGEST_ANSWER_S, Section
 from gateway.cli.arguments import field_option
 from gateway.cli.main import main
-from gateway.commissioning.scan.run import BAUDS, BITRATES, ME_BAUDS
 from gateway.commissioning.scan.serial import plan
 from tests.benches.command import here
 from tests.benches.refusals import refusing
-
-GATEWAY = Path(__file__).parents[4] / "gateway"
-SMALLEST = 100
-SPEEDS = {*BAUDS, *ME_BAUDS, *BITRATES}
-
-
-def files(*rooms: str) -> Iterator[tuple[str, ast.Module]]:
-    """Name and content of each file of these rooms of the gateway; of all without any."""
-    for file in sorted(GATEWAY.rglob("*.py")):
-        place = file.relative_to(GATEWAY)
-        if not rooms or place.parts[0] in rooms:
-            yield str(place), ast.parse(file.read_text(encoding="utf-8"))
-
-
-@pytest.mark.slow
-def test_no_settings_of_a_bus_are_made_where_a_mistake_would_be_a_traceback() -> None:
-    classes = {settings.__name__ for settings in BUS_KINDS.values()}
-    made = [
-        f"{name}:{node.lineno}: {ast.unparse(node.func)}"
-        for name, tree in files()
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Call) and ast.unparse(node.func).rpartition(".")[2] in classes
-    ]
-    assert made == [], "use drivers.problems.read_settings"
-
-
-def defaults() -> set[int]:
-    """Ports, speeds and bit rates that are usual on some bus; smaller numbers mean something else elsewhere."""
-    fields = (field for settings in BUS_KINDS.values() for field in settings.model_fields.values())
-    return {field.default for field in fields if type(field.default) is int and field.default >= SMALLEST}
-
-
-def is_speed(node: ast.expr) -> bool:
-    return isinstance(node, ast.Constant) and type(node.value) is int and node.value in SPEEDS
-
-
-def test_no_usual_port_or_speed_of_a_bus_is_written_a_second_time() -> None:
-    """By what looks at a wire; elsewhere 502 is an answer of HTTP. A list of speeds to try is not a copy."""
-    known = defaults()
-    assert {502, 10001, 9600} <= known, "the fields were found"
-    written = []
-    for name, tree in files("scan", "cli"):
-        lists = [node for node in ast.walk(tree) if isinstance(node, ast.Tuple) and len(node.elts) > 1]
-        tried = {id(number) for one in lists if all(map(is_speed, one.elts)) for number in one.elts}
-        written += [
-            f"{name}:{node.lineno}: {node.value!r}"
-            for node in ast.walk(tree)
-            if isinstance(node, ast.Constant) and node.value in known and id(node) not in tried
-        ]
-    assert written == [], "take the default of the field"
 
 
 def commands() -> Iterator[tuple[str, click.Command]]:

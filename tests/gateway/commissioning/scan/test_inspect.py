@@ -18,6 +18,7 @@ from gateway.commissioning.scan.registers import SeenWords, read_words
 from simulators.devices import M7015, RtuLine
 from tests.benches.free_port import free_port
 from tests.benches.modbus_host import modbus_host
+from tests.benches.started import started
 from tests.benches.terminal_tables import row_of
 
 TEMPERATURES = (21.25, -3.5, 100.125)
@@ -59,45 +60,17 @@ async def test_every_number_stands_side_by_side_and_the_draft_reads_the_same(tmp
     file = tmp_path / "meter.toml"
     async with pymodbus_server([SimData(100, values=SWAPPED, datatype=DataType.REGISTERS)]) as (port, asked):
         where = f"127.0.0.1:{port}"
-        options = (
-            "--unit",
-            "7",
-            "--type",
-            "float32",
-            "--word-order",
-            "little",
-            "--quantity",
-            "K",
-            "--draft",
-            str(file),
-        )
-        done = await inspect(where, "100-105", *options)
+        options = ("--unit", "7", "--type", "float32", "--word-order", "little", "--quantity", "K", "--draft")
+        done = await inspect(where, "100-105", *options, str(file))
         assert done.exit_code == 0, done.output
         swapped = next(line for line in done.output.splitlines() if "float32" in line and "21.25" in line)
         assert [cell.strip() for cell in swapped.strip("│").split("│")][4] == "21.25", "in the column of swapped words"
         config = tmp_path / "gateway.toml"
         config.write_text(
-            f"""
-[machine]
-name = "mill"
-[[bus]]
-name = "tcp1"
-kind = "modbus_tcp"
-host = "127.0.0.1"
-port = {port}
-timeout_s = 60
-read_limit_s = 60
-period_s = 60
-[[device]]
-name = "new"
-bus = "tcp1"
-profile = "meter.toml"
-unit = 7
-[device.channels]
-a = 0
-b = 1
-c = 2
-"""
+            '[machine]\nname = "mill"\n[[bus]]\nname = "tcp1"\nkind = "modbus_tcp"\nhost = "127.0.0.1"\n'
+            f"port = {port}\ntimeout_s = 60\nread_limit_s = 60\nperiod_s = 60\n"
+            '[[device]]\nname = "new"\nbus = "tcp1"\nprofile = "meter.toml"\nunit = 7\n'
+            "channels = { a = 0, b = 1, c = 2 }\n"
         )
         assert CliRunner().invoke(main, ["check", str(config)]).exit_code == 0
         probed = await asyncio.to_thread(CliRunner().invoke, main, ["probe", str(config)], env={"COLUMNS": "200"})
@@ -156,12 +129,8 @@ async def test_bits(tmp_path: Path) -> None:
 
 
 async def test_serial_line() -> None:
-    line = RtuLine({3: M7015(lambda: [20.0, 21.3, -3.3, 40.0, 50.0, 60.0])})
-    path = await line.start()
-    try:
+    async with started(RtuLine({3: M7015(lambda: [20.0, 21.3, -3.3, 40.0, 50.0, 60.0])})) as path:
         done = await inspect(path, "0-5", "--unit", "3", "--function", "4", "--baud", "115200")
-    finally:
-        await line.stop()
     assert done.exit_code == 0, done.output
     assert row_of(done.output, "1")[:4] == ["1", "00D5", "213", "21.3"]
 

@@ -12,6 +12,7 @@ from gateway.cli.main import main
 from simulators.devices import SlcanAdapter
 from tests.benches.library_node import EDS, NODE, LibraryNode
 from tests.benches.opcua_drives import URI, Drives
+from tests.benches.started import started
 from tests.benches.terminal_tables import row_of
 
 
@@ -24,12 +25,10 @@ async def inspect(*words: str) -> Result:
 async def test_objects_of_the_librarys_node(tmp_path: Path) -> None:
     (tmp_path / "pump.eds").write_text(EDS, encoding="cp1252")
     adapter = SlcanAdapter([LibraryNode(tmp_path / "pump.eds")])
-    channel, draft = await adapter.start(), tmp_path / "draft.toml"
-    try:
+    draft = tmp_path / "draft.toml"
+    async with started(adapter) as channel:
         wanted = (channel, str(NODE), "2100:01", "2100:02", "3000", "--interface", "slcan")
         done = await inspect("objects", *wanted, "--draft", str(draft), "--type", "int16", "--scale", "0.1")
-    finally:
-        await adapter.stop()
     assert done.exit_code == 0, done.output
     first, second = row_of(done.output, "2100:01"), row_of(done.output, "2100:02")
     assert first[1:4] == ["29 ff", "-215", "65321"]

@@ -11,6 +11,7 @@ from gateway.commissioning.scan.serial import plan, scan_line
 from gateway.commissioning.scan.tcp import TcpScan, scan_hosts
 from simulators.devices import DeviceServer, RtuLine, TcpHost
 from simulators.devices.modbus_unit import ModbusUnit
+from tests.benches.started import started
 
 pytestmark = pytest.mark.simulated_time
 
@@ -42,22 +43,14 @@ def wrapped(units: Mapping[int, ModbusUnit], after: int, highest: int = 247) -> 
 @asynccontextmanager
 async def scanned(wire: str, served: Mapping[int, ModbusUnit], units: range) -> AsyncIterator[ScanReport]:
     if wire == "rtu":
-        line = RtuLine(served)
-        path = await line.start()
-        try:
+        async with started(RtuLine(served)) as path:
             what = plan(path, bauds=(9600,), parities=("N",), units=units, me_bauds=(), me_addresses=(),
                         timeout_s=TIMEOUT_S)  # fmt: skip
             yield await scan_line(what, lambda *_: None, lambda: False)
-        finally:
-            await line.stop()
         return
-    server = TcpHost(served) if wire == "tcp" else DeviceServer(served)
-    port = await server.start()
-    try:
+    async with started(TcpHost(served) if wire == "tcp" else DeviceServer(served)) as port:
         hosts = TcpScan((("127.0.0.1", port),), units, TIMEOUT_S, rtu=wire != "tcp")
         yield await scan_hosts(hosts, lambda *_: None, lambda: False)
-    finally:
-        await server.stop()
 
 
 async def found(wire: str, served: Mapping[int, ModbusUnit], units: range) -> tuple[list[int], str]:

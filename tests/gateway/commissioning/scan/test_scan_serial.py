@@ -1,8 +1,8 @@
 """Scanning a serial line: which units there are, at which speed, without disturbing any other program."""
 
 import asyncio
-from collections.abc import AsyncIterator, Sequence
-from contextlib import asynccontextmanager
+from collections.abc import Sequence
+from contextlib import AbstractAsyncContextManager
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,6 +22,7 @@ from simulators.devices.source import SensorFault
 from simulators.devices.voltage_input import VoltageInput
 from tests.benches.buggy_library import BuggyDecoder
 from tests.benches.command import beside, here, talc_gateway
+from tests.benches.started import started
 
 TIMEOUT_S = 0.2
 SIX = [20.04, 21.26, -3.3, 40.0, 99.96, 22.22]
@@ -46,14 +47,8 @@ def line_plan(
     )
 
 
-@asynccontextmanager
-async def line(units: dict[int, ModbusUnit], baud: int = 0) -> AsyncIterator[str]:
-    wire = RtuLine(units, baud=baud)
-    path = await wire.start()
-    try:
-        yield path
-    finally:
-        await wire.stop()
+def line(units: dict[int, ModbusUnit], baud: int = 0) -> AbstractAsyncContextManager[str]:
+    return started(RtuLine(units, baud=baud))
 
 
 async def scan(what: SerialScan) -> ScanReport:
@@ -158,11 +153,8 @@ async def test_a_device_without_a_speed_is_found_once() -> None:
 @pytest.mark.parametrize(("payload", "profile"), [("float", "me_rs485"), ("counted", "me_dt6120")])
 async def test_displacement_sensor_is_recognised_by_its_answer(payload: str, profile: str) -> None:
     sensor = MeSensor(lambda: [123.4], range_um=500.0, payload="counted" if payload == "counted" else "float")
-    path = await sensor.start()
-    try:
+    async with started(sensor) as path:
         report = await scan(line_plan(path, me=True))
-    finally:
-        await sensor.stop()
     (device,) = report.found
     assert (device.what.profile, device.unit, device.reads) == (profile, 126, "123.40 µm")
     assert report.places[0].options["baud"] == 230_400
@@ -173,11 +165,8 @@ async def test_answers_that_collide_are_reported_and_are_not_a_device() -> None:
     """Two units with one id: their bits mix, here by AND as on an RS-485 pair pulled down by both."""
     wire = RtuLine({1: M7015(lambda: SIX)})
     wire.spoil = lambda _, frame: [(0.0, bytes(a & b for a, b in zip(frame, frame[1:] + b"\x12", strict=True)))]
-    path = await wire.start()
-    try:
+    async with started(wire) as path:
         report = await scan(line_plan(path, units=(1,)))
-    finally:
-        await wire.stop()
     assert report.found == []
     assert "two units with one id" in report.remarks[0]
 
@@ -205,13 +194,10 @@ async def test_unit_that_knows_one_function_only_is_found_with_it() -> None:
             port.write(reply + crc16(reply))
 
     port = PtyPort(heard)
-    path = await port.start()
-    try:
+    async with started(port) as path:
         plain = line_plan(path, units=(1,))
         assert (await scan(plain)).found == []
         (device,) = (await scan(replace(plain, function=4))).found
-    finally:
-        await port.stop()
     assert (device.unit, device.what.profile) == (1, "")
 
 
@@ -227,11 +213,8 @@ async def test_only_reading_is_ever_asked() -> None:
             port.write(reply + crc16(reply))
 
     port = PtyPort(heard)
-    path = await port.start()
-    try:
+    async with started(port) as path:
         await scan(line_plan(path, units=(1, 2, 3)))
-    finally:
-        await port.stop()
     assert len(requests) > 6
     assert all(crc16(request[:-2]) == request[-2:] for request in requests)
     assert {request[1] for request in requests} <= {1, 2, 3, 4}
@@ -247,14 +230,10 @@ async def test_stopping_waits_for_the_request_under_way() -> None:
         requests.append(data)
         asked.set()
 
-    port = PtyPort(heard)
-    path = await port.start()
-    try:
+    async with started(PtyPort(heard)) as path:
         running = asyncio.create_task(scan_line(line_plan(path, units=range(1, 200)), quiet, asked.is_set))
         await asked.wait()
         report = await running
-    finally:
-        await port.stop()
     assert report.asked == len(requests) == 1
 
 

@@ -2,7 +2,7 @@
 
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
-from contextlib import asynccontextmanager, suppress
+from contextlib import AbstractAsyncContextManager, asynccontextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,20 +23,15 @@ from simulators.devices.wago_coupler import WagoCoupler
 from tests.benches.buggy_library import BuggyDecoder
 from tests.benches.free_port import free_port
 from tests.benches.refusals import refusing
+from tests.benches.started import started
 
 pytestmark = pytest.mark.simulated_time
 
 SEVEN = [20.0, 21.0, 22.0, 23.0, 24.0, 25.0, 26.0]
 
 
-@asynccontextmanager
-async def host(units: Mapping[int, ModbusUnit]) -> AsyncIterator[int]:
-    server = TcpHost(units)
-    port = await server.start()
-    try:
-        yield port
-    finally:
-        await server.stop()
+def host(units: Mapping[int, ModbusUnit]) -> AbstractAsyncContextManager[int]:
+    return started(TcpHost(units))
 
 
 @pytest.mark.parametrize(
@@ -139,12 +134,8 @@ async def test_units_are_distinguished_by_what_they_do_not_refuse() -> None:
 
 
 async def test_controller_that_streams_is_distinguished_from_modbus() -> None:
-    controller = MeController(lambda: [100.0, 200.0], range_um=500.0)
-    port = await controller.start()
-    try:
+    async with started(MeController(lambda: [100.0, 200.0], range_um=500.0)) as port:
         report = await scan(port)
-    finally:
-        await controller.stop()
     (place,) = report.places
     assert place.kind == "me_ethernet"
     assert place.devices[0].what.evidence == "order number 2303021, serial number 1001"
@@ -216,25 +207,17 @@ async def test_host_with_another_protocol_is_left_alone_soon() -> None:
 
 
 async def test_host_that_accepts_and_never_answers_is_reported() -> None:
-    silent = TcpHost({})
-    port = await silent.start()
-    try:
+    async with started(TcpHost({})) as port:
         report = await scan(port)
-    finally:
-        await silent.stop()
     assert report.remarks[0].startswith(f"127.0.0.1:{port} accepts connections, but none of the units")
 
 
 async def test_units_behind_a_device_server_are_recognised(tmp_path: Path) -> None:
     """Modbus TCP finds nobody there; with RTU frames its modules answer, and the file that follows loads."""
-    server = DeviceServer({2: M7015(lambda: SEVEN[:6])})
-    port = await server.start()
-    try:
+    async with started(DeviceServer({2: M7015(lambda: SEVEN[:6])})) as port:
         assert (await scan(port)).found == []
         there = TcpScan((("127.0.0.1", port),), range(1, 4), timeout_s=0.3, rtu=True)
         report = await scan_hosts(there, lambda *_: None, lambda: False)
-    finally:
-        await server.stop()
     assert [(d.unit, d.what.profile) for d in report.found] == [(2, "icpdas_m7015")]
     file = tmp_path / "gateway.toml"
     file.write_text(merged("", report.places, file), encoding="utf-8")

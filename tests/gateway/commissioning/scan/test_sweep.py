@@ -2,7 +2,7 @@
 
 import struct
 from collections.abc import AsyncIterator, Mapping
-from contextlib import asynccontextmanager
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from pathlib import Path
 
 import pytest
@@ -15,7 +15,9 @@ from gateway.cli.main import main
 from gateway.commissioning.inspection.sweep import swept
 from gateway.config.file import load
 from simulators.devices import TcpHost
+from simulators.devices.modbus_unit import ModbusUnit
 from tests.benches.command import beside
+from tests.benches.started import started
 
 pytestmark = pytest.mark.simulated_time
 
@@ -48,11 +50,17 @@ class Module:
         return dict(enumerate(words, FIRST)) | {0: 0xBEEF, 1: 0x1234, 2: len(self.asked) + 30_000}
 
 
+def host_of(unit: ModbusUnit) -> AbstractAsyncContextManager[int]:
+    return started(TcpHost({7: unit}))
+
+
 @asynccontextmanager
-async def host_of(module: Module) -> AsyncIterator[int]:
-    host = TcpHost({7: module})
-    yield await host.start()
-    await host.stop()
+async def bus_to(unit: ModbusUnit) -> AsyncIterator[ModbusTcpBus]:
+    async with host_of(unit) as port:
+        bus = ModbusTcpBus("sweep", ModbusTcpSettings(host="127.0.0.1", port=port, timeout_s=5.0))
+        await bus.connect()
+        yield bus
+        await bus.close()
 
 
 @pytest.mark.parametrize(
@@ -96,15 +104,8 @@ t3 = 3
 
 async def test_an_empty_address_costs_about_one_request_and_nothing_is_written() -> None:
     module = Module(3, "h", 0.1, False)
-    host = TcpHost({7: module})
-    port = await host.start()
-    bus = ModbusTcpBus("sweep", ModbusTcpSettings(host="127.0.0.1", port=port, timeout_s=5.0))
-    await bus.connect()
-    try:
+    async with bus_to(module) as bus:
         found = await swept(bus, 7, 500)
-    finally:
-        await bus.close()
-        await host.stop()
     assert set(found[3].words) == {0, 1, 2, *range(FIRST, FIRST + 4)}
     assert set(found) == {3}
     assert set(module.asked) <= {1, 2, 3, 4}
@@ -121,14 +122,7 @@ async def test_what_is_not_answered_is_left_out_and_a_unit_that_is_not_there_is_
         silent = property(lambda _: next(asked) in (11, 12))
         memory = staticmethod(module.memory)
 
-    host = TcpHost({7: Silent()})
-    port = await host.start()
-    bus = ModbusTcpBus("sweep", ModbusTcpSettings(host="127.0.0.1", port=port, timeout_s=5.0))
-    await bus.connect()
-    try:
+    async with bus_to(Silent()) as bus:
         assert len((await swept(bus, 7, 500, (3,)))[3].words) == 7
         with pytest.raises(NoAnswer):
             await swept(bus, 8, 500)
-    finally:
-        await bus.close()
-        await host.stop()
