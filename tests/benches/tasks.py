@@ -4,6 +4,8 @@ import asyncio
 from collections.abc import AsyncIterator, Coroutine
 from contextlib import asynccontextmanager
 
+from gateway.service.service import Service
+
 
 @asynccontextmanager
 async def running(work: Coroutine[object, object, None]) -> AsyncIterator[None]:
@@ -16,3 +18,15 @@ async def running(work: Coroutine[object, object, None]) -> AsyncIterator[None]:
         task.cancel()
         [error] = await asyncio.gather(task, return_exceptions=True)
     assert not died, error
+
+
+@asynccontextmanager
+async def served(service: Service) -> AsyncIterator[None]:
+    """The service runs inside, and is stopped at the end."""
+    stop = asyncio.Event()
+    task = asyncio.create_task(service.run(stop))
+    try:
+        yield
+    finally:
+        stop.set()
+        await task

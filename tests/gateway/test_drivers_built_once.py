@@ -28,7 +28,7 @@ from gateway.service.service import Service
 from gateway.service.serving import serve
 from talc.control import Controller
 from tests.benches.kept_events import KeptEvents
-from tests.benches.reloaded_service import service_of
+from tests.benches.reloaded_service import service_of_file
 from tests.benches.service_file import UNPUBLISHED, m7015, rtu_bus
 from tests.benches.stepped_clock import SteppedClock
 from tests.benches.stream_server import stream_server
@@ -220,7 +220,7 @@ async def test_what_the_check_made_has_the_clock_of_who_uses_it(tmp_path: Path) 
 @pytest.mark.usefixtures("no_package_stays_loaded")
 async def test_a_reload_leaves_what_the_check_made_to_the_service(tmp_path: Path, others_made: Counter[str]) -> None:
     path = tmp_path / "gateway.toml"
-    service = service_of(path, KeptEvents(), SteppedClock())
+    service = service_of_file(path, KeptEvents(), SteppedClock())
     path.write_text(UNPUBLISHED + OTHERS, encoding="utf-8")
     with pytest.raises(ReloadError, match="restart the gateway"):  # its [nc] is another one: read, not applied
         await Reloading(path).ask(service)

@@ -11,15 +11,14 @@ import pytest
 from gateway.config.extended import validate
 from gateway.config.file import parse
 from gateway.config.model import GatewayConfig
-from gateway.control.restart.earlier import EarlierRun
 from gateway.service.alive import WatchedClock, feed
-from gateway.service.service import Service
 from gateway.service.service_manager import ServiceManager
-from talc.control import Controller
 from tests.benches.kept_events import KeptEvents
 from tests.benches.manual_clock import ManualClock
+from tests.benches.reloaded_service import service_of
 from tests.benches.service_file import FILE, TEXT
 from tests.benches.stepped_clock import SteppedClock
+from tests.benches.tasks import served
 from tests.benches.telemetry_examples import configuration
 
 
@@ -36,8 +35,7 @@ class _HeldClock(ManualClock):
 
 def works_s(config: GatewayConfig) -> Mapping[str, float]:
     """Of the parts of a service of this configuration."""
-    earlier = EarlierRun(Controller(config.input_names, config.talc))
-    return Service(config, SteppedClock(), KeptEvents(), earlier).parts.works_s
+    return service_of(config, KeptEvents(), SteppedClock()).parts.works_s
 
 
 LOOPS = ("grid", "stale", "storage", "health", "clock")
@@ -50,53 +48,6 @@ async def looping(clock: WatchedClock, hung: asyncio.Event) -> None:
     await asyncio.Event().wait()
 
 
-async def test_a_loop_that_hangs_or_never_begins_is_named_and_no_other() -> None:
-    time, config = _HeldClock(), configuration("first")
-    clock = WatchedClock(time)
-    names = [*LOOPS, *(f"bus {bus.name}" for bus in config.buses)]
-    hung = {name: asyncio.Event() for name in names}
-    clock.expect(works_s(config))
-    tasks = [asyncio.create_task(looping(clock, hung[name]), name=name) for name in names]
-    try:
-        for now in range(0, 300, 10):
-            await time.pass_to(float(now))
-            assert clock.stuck() == []
-        hung["grid"].set()
-        for now in range(300, 360, 10):
-            await time.pass_to(float(now))
-        assert clock.stuck() == [], "60 s of work may be"
-        await time.pass_to(370.0)
-        assert clock.stuck() == ["grid"]
-    finally:
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
-
-
-async def test_a_loop_that_is_configured_and_does_not_run_is_stuck() -> None:
-    time, config = _HeldClock(), configuration("first")
-    clock = WatchedClock(time)
-    clock.expect(works_s(config))
-    time.now = 3600.0
-    assert set(clock.stuck()) == {*LOOPS, *(f"bus {bus.name}" for bus in config.buses)}
-
-
-async def test_no_loop_of_a_service_that_runs_is_stuck() -> None:
-    config, stop = parse(TEXT, FILE), asyncio.Event()
-    steps = SteppedClock()
-    clock = WatchedClock(steps)
-    clock.expect(works_s(config))
-    service = Service(config, clock, KeptEvents(), EarlierRun(Controller(config.input_names, config.talc)))
-    running = asyncio.create_task(service.run(stop))
-    try:
-        for now in range(20, 400, 20):
-            await steps.run_until(float(now))
-            assert clock.stuck() == []
-    finally:
-        stop.set()
-        await running
-
-
 def with_control() -> GatewayConfig:
     return validate(
         {
@@ -106,44 +57,59 @@ def with_control() -> GatewayConfig:
     )
 
 
-async def test_a_control_that_hangs_is_named_while_one_is_configured() -> None:
-    time, hung = _HeldClock(), asyncio.Event()
-    clock = WatchedClock(time)
-    names = [*LOOPS, "nc"]
-    clock.expect(works_s(with_control()))
-    going = asyncio.Event()
-    tasks = [asyncio.create_task(looping(clock, hung if name == "nc" else going), name=name) for name in names]
+def bus_loops(config: GatewayConfig) -> list[str]:
+    return [f"bus {bus.name}" for bus in config.buses]
+
+
+@pytest.mark.parametrize("hangs", ["grid", "nc"])
+async def test_a_loop_that_hangs_is_named_and_no_other(hangs: str) -> None:
+    time, config = _HeldClock(), with_control() if hangs == "nc" else configuration("first")
+    clock, hung = WatchedClock(time), asyncio.Event()
+    names = [*LOOPS, *bus_loops(config), *(["nc"] if config.nc else [])]
+    clock.expect(works_s(config))
+    tasks = [
+        asyncio.create_task(looping(clock, hung if name == hangs else asyncio.Event()), name=name) for name in names
+    ]
     try:
         for now in range(0, 300, 10):
             await time.pass_to(float(now))
             assert clock.stuck() == []
         hung.set()
-        for now in range(300, 380, 10):
+        for now in range(300, 360, 10):
             await time.pass_to(float(now))
-        assert clock.stuck() == ["nc"]
-        clock.expect(works_s(configuration("first")))
-        assert clock.stuck() == [], "a reload has removed it"
+        assert clock.stuck() == [], "60 s of work may be"
+        for now in (370, 380):
+            await time.pass_to(float(now))
+        assert clock.stuck() == [hangs]
+        clock.expect(works_s(GatewayConfig.model_construct(**{**dict(config), "nc": None})))
+        assert clock.stuck() == ([] if hangs == "nc" else [hangs]), "a reload removes the control"
     finally:
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
 
 
-async def test_a_control_whose_loop_never_begins_is_named() -> None:
-    time = _HeldClock()
-    clock = WatchedClock(time)
-    clock.expect(works_s(with_control()))
-    time.now = 3600.0
-    assert set(clock.stuck()) == {*LOOPS, "nc"}
-
-
-async def test_a_bus_that_a_reload_removes_is_no_longer_expected() -> None:
+async def test_a_loop_that_is_configured_and_does_not_run_is_stuck_until_a_reload_removes_it() -> None:
     time, config = _HeldClock(), configuration("first")
     clock = WatchedClock(time)
     clock.expect(works_s(config))
     time.now = 3600.0
+    assert set(clock.stuck()) == {*LOOPS, *bus_loops(config)}
     clock.expect(works_s(GatewayConfig.model_construct(**{**dict(config), "buses": (), "devices": ()})))
     assert set(clock.stuck()) == set(LOOPS)
+    clock.expect(works_s(with_control()))
+    time.now = 7200.0
+    assert set(clock.stuck()) == {*LOOPS, "nc"}
+
+
+async def test_no_loop_of_a_service_that_runs_is_stuck() -> None:
+    config, steps = parse(TEXT, FILE), SteppedClock()
+    clock = WatchedClock(steps)
+    clock.expect(works_s(config))
+    async with served(service_of(config, KeptEvents(), clock)):
+        for now in range(20, 400, 20):
+            await steps.run_until(float(now))
+            assert clock.stuck() == []
 
 
 async def test_systemd_is_notified_while_every_loop_runs_and_while_the_service_stops(

@@ -1,6 +1,5 @@
 """The health that a gateway reports every 10 s, with what it waits for."""
 
-import asyncio
 import ctypes
 import math
 import struct
@@ -11,19 +10,18 @@ from drivers.base import Quality, Reading
 from gateway.acquisition.board import Board
 from gateway.config.applied import ConfigurationApplied
 from gateway.config.file import parse
-from gateway.control.restart.earlier import EarlierRun
 from gateway.model.events import DecisionMade, HealthChecked, OutlookChanged, StoreHealth
 from gateway.model.probing import Outlook
 from gateway.model.standing import Standing
 from gateway.model.text import plain
 from gateway.runtime.time_service import clock_synchronised
 from gateway.service.health import HealthWatch
-from gateway.service.service import Service
-from talc.control import Controller
 from talc.frame import Why
 from tests.benches.kept_events import KeptEvents
+from tests.benches.reloaded_service import service_of
 from tests.benches.service_file import FILE, TEXT
 from tests.benches.stepped_clock import EPOCH, SteppedClock
+from tests.benches.tasks import served
 from tests.benches.telemetry_examples import DECISION
 
 STEP_S = 300.0
@@ -102,15 +100,9 @@ def test_an_unknown_clock_is_no_reason_to_wait(synchronised: bool | None) -> Non
 
 
 async def test_a_running_service_reports_its_health_at_once_and_then_every_ten_seconds() -> None:
-    config = parse(TEXT, FILE)
-    clock, kept, stop = SteppedClock(), KeptEvents(), asyncio.Event()
-    service = Service(config, clock, kept, EarlierRun(Controller(config.input_names, config.talc)))
-    running = asyncio.create_task(service.run(stop))
-    try:
+    clock, kept = SteppedClock(), KeptEvents()
+    async with served(service_of(parse(TEXT, FILE), kept, clock)):
         await clock.run_until(25.0)
-    finally:
-        stop.set()
-        await running
     assert isinstance(kept.all[0], ConfigurationApplied)
     health = [event.health for event in kept.of(HealthChecked)]
     assert [h.uptime_s for h in health] == [0.0, 10.0, 20.0]

@@ -1,22 +1,20 @@
 """A running service foresees a planned load, with what it has learnt from the frames of an earlier run."""
 
-import asyncio
 from pathlib import Path
 
 import numpy as np
 
 from gateway.config.file import parse
-from gateway.control.restart.earlier import EarlierRun
 from gateway.control.sensor_watch import SeenBefore
 from gateway.model.events import ForecastMade
-from gateway.service.service import Service
-from talc.control import Controller
 from talc.frame import Frames
 from tests.benches.free_port import free_port
 from tests.benches.hot_bearing import BODIES, DAY, NAMES, bodies, work
 from tests.benches.kept_events import KeptEvents
+from tests.benches.reloaded_service import service_of
 from tests.benches.service_file import UNPUBLISHED, adam6015
 from tests.benches.stepped_clock import EPOCH, SteppedClock
+from tests.benches.tasks import served
 
 STEP_S = 300
 PLANNED = """
@@ -39,14 +37,9 @@ async def test_a_service_foresees_the_planned_loads_of_its_configuration(tmp_pat
     assert config.input_names == NAMES
     x, last_k = bodies(work(4, 6), 4), int(EPOCH.timestamp()) // STEP_S - 1
     frames = Frames(np.arange(last_k + 1 - 6 * DAY, last_k + 1), x, np.ones(x.shape, np.bool_), np.empty((0, 9)))
-    past = EarlierRun(Controller(config.input_names, config.talc), seen=SeenBefore(frames, None))
-    clock, kept, stop = SteppedClock(), KeptEvents(), asyncio.Event()
-    running = asyncio.create_task(Service(config, clock, kept, past).run(stop))
-    try:
+    clock, kept = SteppedClock(), KeptEvents()
+    async with served(service_of(config, kept, clock, seen=SeenBefore(frames, None))):
         await clock.run_until(3.0 * STEP_S + 1.0)
-    finally:
-        stop.set()
-        await running
     first, *_, latest = kept.of(ForecastMade)
     assert first.planned == {"roughing": None, "too fast": None}, "not learnt yet"
     assert latest.planned["too fast"] is None

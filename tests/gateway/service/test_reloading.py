@@ -17,9 +17,10 @@ from gateway.service.reloading import Reloading
 from gateway.service.service import Service
 from talc.frame import EventKind
 from tests.benches.kept_events import KeptEvents
-from tests.benches.reloaded_service import service_of
+from tests.benches.reloaded_service import service_of_file
 from tests.benches.service_file import TEXT
 from tests.benches.stepped_clock import SteppedClock
+from tests.benches.tasks import running, served
 from tests.benches.waits import until
 
 OTHER = TEXT.replace("/nowhere/adapter", "/nowhere/other")
@@ -35,10 +36,9 @@ class Unwilling(Service):
 async def test_a_good_file_is_applied_and_one_that_needs_a_restart_or_is_wrong_is_refused_with_the_reason(
     tmp_path: Path,
 ) -> None:
-    path, clock, kept, stop = tmp_path / "gateway.toml", SteppedClock(), KeptEvents(), asyncio.Event()
-    service, reloading = service_of(path, kept, clock), Reloading(path)
-    tasks = [asyncio.create_task(service.run(stop)), asyncio.create_task(reloading.run(service))]
-    try:
+    path, clock, kept = tmp_path / "gateway.toml", SteppedClock(), KeptEvents()
+    service, reloading = service_of_file(path, kept, clock), Reloading(path)
+    async with served(service), running(reloading.run(service)):
         await clock.run_until(3.0)
         for text, why in (
             (
@@ -59,18 +59,13 @@ async def test_a_good_file_is_applied_and_one_that_needs_a_restart_or_is_wrong_i
         await clock.run_until(6.0)
         assert [event.config for event in kept.of(ConfigurationApplied)][1:] == [load(path)]
         assert (await reloading.ask(service)).endswith("no bus has changed")
-    finally:
-        stop.set()
-        tasks[1].cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
 
 
 async def test_a_command_is_refused_if_a_signal_comes_while_its_file_is_read(tmp_path: Path) -> None:
     """The file may have changed in between; what is applied last must be the file as it is."""
-    path, clock, kept, stop = tmp_path / "gateway.toml", SteppedClock(), KeptEvents(), asyncio.Event()
-    service, reloading = service_of(path, kept, clock), Reloading(path)
-    tasks = [asyncio.create_task(service.run(stop)), asyncio.create_task(reloading.run(service))]
-    try:
+    path, clock, kept = tmp_path / "gateway.toml", SteppedClock(), KeptEvents()
+    service, reloading = service_of_file(path, kept, clock), Reloading(path)
+    async with served(service), running(reloading.run(service)):
         await clock.run_until(3.0)
         path.write_text(OTHER, encoding="utf-8")
         command = asyncio.create_task(reloading.ask(service))
@@ -80,10 +75,6 @@ async def test_a_command_is_refused_if_a_signal_comes_while_its_file_is_read(tmp
             await command
         await until(lambda: len(kept.of(ConfigurationApplied)) > 1)
         assert [event.config for event in kept.of(ConfigurationApplied)][1:] == [load(path)]
-    finally:
-        stop.set()
-        tasks[1].cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
 
 
 def _children() -> list[int]:
@@ -91,10 +82,9 @@ def _children() -> list[int]:
 
 
 async def test_a_file_that_takes_long_is_refused_and_leaves_nothing_behind(tmp_path: Path) -> None:
-    path, clock, kept, stop = tmp_path / "gateway.toml", SteppedClock(), KeptEvents(), asyncio.Event()
-    service, reloading = service_of(path, kept, clock), Reloading(path, Bounds(processor_s=0.2))
-    running = asyncio.create_task(service.run(stop))
-    try:
+    path, clock, kept = tmp_path / "gateway.toml", SteppedClock(), KeptEvents()
+    service, reloading = service_of_file(path, kept, clock), Reloading(path, Bounds(processor_s=0.2))
+    async with served(service):
         await clock.run_until(3.0)
         before, threads, children = service.fingerprint, threading.active_count(), _children()
         path.write_text(OTHER + "[storage]\n" + "".join(f"k{i} = 1\n" for i in range(20_000)), encoding="utf-8")
@@ -105,15 +95,12 @@ async def test_a_file_that_takes_long_is_refused_and_leaves_nothing_behind(tmp_p
         assert service.fingerprint == before
         # The thread that waited for the process ends a moment after it has told so.
         await until(lambda: (threading.active_count(), _children()) == (threads, children))
-    finally:
-        stop.set()
-        await running
     assert os.listdir(tmp_path) == ["gateway.toml"]  # noqa: PTH208 -- of an asynchronous test
 
 
 async def test_a_file_that_takes_all_memory_is_refused(tmp_path: Path) -> None:
     path, kept = tmp_path / "gateway.toml", KeptEvents()
-    service, reloading = service_of(path, kept, SteppedClock()), Reloading(path, Bounds(more_bytes=2**20))
+    service, reloading = service_of_file(path, kept, SteppedClock()), Reloading(path, Bounds(more_bytes=2**20))
     path.write_text(OTHER + "x = [" + "1," * 100_000 + "]\n", encoding="utf-8")
     with pytest.raises(ReloadError) as refused:
         await reloading.ask(service)
@@ -122,16 +109,12 @@ async def test_a_file_that_takes_all_memory_is_refused(tmp_path: Path) -> None:
 
 async def test_what_fails_after_the_answer_is_an_event(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     path, kept = tmp_path / "gateway.toml", KeptEvents()
-    service, reloading = service_of(path, kept, SteppedClock(), Unwilling), Reloading(path)
-    task = asyncio.create_task(reloading.run(service))
-    try:
+    service, reloading = service_of_file(path, kept, SteppedClock(), Unwilling), Reloading(path)
+    async with running(reloading.run(service)):
         await reloading.ask(service)
         await until(lambda: kept.texts(EventKind.OPERATOR))
         reloading.hang_up()
         await until(lambda: caplog.text.count("not reloaded") == 2)
-    finally:
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
     assert kept.texts(EventKind.OPERATOR) == [
         "not reloaded; the previous configuration stays in use: the port is in use"
     ], "a signal is nobody's command: its failure is only in the log"
@@ -153,34 +136,32 @@ from gateway.service.service import Service
 from tests.benches.idle_loop import run
 from tests.benches.kept_events import KeptEvents
 from tests.benches.stepped_clock import SteppedClock
-from tests.benches.reloaded_service import OF_A_NEW_KIND, service_of
+from tests.benches.reloaded_service import OF_A_NEW_KIND, service_of_file
+from tests.benches.tasks import running, served
 
 async def main(path, by_signal):
-    clock, stop, asked = SteppedClock(), asyncio.Event(), asyncio.Event()
+    clock, asked = SteppedClock(), asyncio.Event()
 
     class Asked(Service):
         async def reload(self, prepared):
             asked.set()
             return await super().reload(prepared)
 
-    service, reloading = service_of(path, KeptEvents(), clock, Asked), Reloading(path)
-    tasks = [asyncio.create_task(service.run(stop)), asyncio.create_task(reloading.run(service))]
-    await clock.run_until(3.0)
-    path.write_text(OF_A_NEW_KIND, encoding="utf-8")
-    sys.meta_path.insert(0, Importers())
-    before = service.fingerprint
-    if by_signal:
-        reloading.hang_up()
-    else:
-        await reloading.ask(service)
-    async with asyncio.timeout(300.0):
-        await asked.wait()
-    await clock.run_until(6.0)
-    assert service.fingerprint != before
-    sys.meta_path.pop(0)
-    stop.set()
-    tasks[1].cancel()
-    await asyncio.gather(*tasks, return_exceptions=True)
+    service, reloading = service_of_file(path, KeptEvents(), clock, Asked), Reloading(path)
+    async with served(service), running(reloading.run(service)):
+        await clock.run_until(3.0)
+        path.write_text(OF_A_NEW_KIND, encoding="utf-8")
+        sys.meta_path.insert(0, Importers())
+        before = service.fingerprint
+        if by_signal:
+            reloading.hang_up()
+        else:
+            await reloading.ask(service)
+        async with asyncio.timeout(300.0):
+            await asked.wait()
+        await clock.run_until(6.0)
+        assert service.fingerprint != before
+        sys.meta_path.pop(0)
     libraries = {"can", "canopen"}
     print(libraries & Importers.by_the_loop, libraries & Importers.by_a_thread)
 

@@ -14,7 +14,10 @@ from gateway.cli.main import main
 from gateway.config.file import load
 from gateway.service.run import ramp_s
 from gateway.service.service_manager import ServiceManager
+from gateway.storage.history import History
+from tests.benches.database import applied
 from tests.benches.service_file import FILE, TEXT
+from tests.benches.waits import wait_until
 
 LIMIT_S = 120.0
 QUIET = "[telemetry]\nenabled = false\n"
@@ -38,18 +41,32 @@ def receive(manager: socket.socket, until: str) -> list[list[str]]:
 
 
 @pytest.mark.slow
-def test_the_service_tells_systemd_when_it_is_ready_alive_and_stopping(tmp_path: Path, manager: socket.socket) -> None:
-    file = tmp_path / "gateway.toml"
-    file.write_text(TEXT + QUIET, encoding="utf-8")
+def test_the_service_tells_systemd_what_it_does_and_applies_a_good_file_alone(
+    tmp_path: Path, manager: socket.socket
+) -> None:
+    """At SIGHUP it reads its file again."""
+    file, text = tmp_path / "own" / "gateway.toml", TEXT + QUIET
+    file.parent.mkdir()
+    file.write_text(text, encoding="utf-8")
+    first = load(file).fingerprint()
     environment = {**os.environ, "NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "3000000"}
     with manager, (tmp_path / "log").open("w+") as log:
+
+        def reread(old: str, new: str, said: str) -> None:
+            file.write_text(text.replace(old, new), encoding="utf-8")
+            process.send_signal(signal.SIGHUP)
+            wait_until(lambda: said in (tmp_path / "log").read_text(encoding="utf-8"), LIMIT_S)
+
         process = subprocess.Popen([sys.executable, "-m", "gateway", "run", str(file)], stderr=log, env=environment)
         try:
             began = receive(manager, "READY=1")
             receive(manager, "WATCHDOG=1")
             receive(manager, "WATCHDOG=1")
-            process.send_signal(signal.SIGHUP)
+            reread("adapter", "other", "buses exchanged: rtu1")
+            second = load(file).fingerprint()
             receive(manager, "READY=1")
+            reread("unit = 1", "units = 1", "unknown key; did you mean 'unit'?")
+            reread("bed_front", "bed_rear", "inputs changed (gone: bed_front; new: bed_rear)")
             process.send_signal(signal.SIGTERM)
             ended = receive(manager, "STOPPING=1")[-1]
             assert process.wait(LIMIT_S) == 0
@@ -60,13 +77,20 @@ def test_the_service_tells_systemd_when_it_is_ready_alive_and_stopping(tmp_path:
         said = log.read()
     assert began[-1] == ["READY=1", "STATUS=machine mill"]
     assert ended == ["STOPPING=1", "STATUS=stopping", "EXTEND_TIMEOUT_USEC=60000000"], "no control: no ramp"
-    mark = load(file).fingerprint()[:16]
-    assert f"runs machine mill, configuration {mark}: 1 bus, 1 device, 1 channel, 0 machine states" in said
+    assert f"runs machine mill, configuration {first[:16]}: 1 bus, 1 device, 1 channel, 0 machine states" in said
     assert "bus rtu1: modbus_rtu at /nowhere/adapter, 1 channel every 1 s" in said
     assert "control: none; compensation monitor, probing not armed" in said
-    assert f"store: {tmp_path}/gateway.sqlite" in said
+    assert f"store: {file.parent}/gateway.sqlite" in said
     assert "nothing will be learnt and nothing corrected: there is no [nc]" in said
     assert "talc-gateway has ended after" in said.splitlines()[-1]
+    database = file.parent / "gateway.sqlite"
+    assert sorted(p.name for p in file.parent.iterdir()) == ["gateway.sqlite", "gateway.toml"], "closed, no lock left"
+    assert [fingerprint for _, fingerprint in applied(database)] == [first, second], "only what took effect"
+    with History(database) as history:
+        stored = history.config()
+    assert stored is not None
+    assert stored[1] == second
+    assert '"/nowhere/other"' in stored[0]
 
 
 def test_a_manager_that_is_gone_or_reads_nothing_does_not_stop_the_gateway(tmp_path: Path) -> None:
