@@ -2,7 +2,6 @@
 
 import json
 import math
-from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from typing import Any
 
@@ -22,13 +21,10 @@ ROOT = "talc/mill"
 NAMES = ("t0", "t1")
 
 
-def telemetry(
-    port: int, clock: Clock | None = None, periods_missed: Callable[[], Mapping[str, int]] = dict
-) -> OpenPublisher:
+def telemetry(port: int, clock: Clock | None = None, **given: Any) -> OpenPublisher:
+    """given: its sources, and other arguments of the publisher"""
     settings = Settings(listen=(f"tcp/127.0.0.1:{port}",))
-    return OpenPublisher(
-        settings, "mill", NAMES, clock or SystemClock(), "boot-1", simulated=False, periods_missed=periods_missed
-    )
+    return OpenPublisher(settings, "mill", NAMES, clock or SystemClock(), "boot-1", simulated=False, **given)
 
 
 def reading(value: float, quality: Quality = Quality.GOOD) -> Sample:

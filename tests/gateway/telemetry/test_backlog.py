@@ -11,7 +11,18 @@ from gateway.telemetry.backlog import Backlog
 from tests.benches.free_port import free_port
 from tests.benches.zenoh_sessions import client
 
-ROOT = Path(__file__).parents[3]
+PUBLISHING = """
+import asyncio, sys
+from tests.benches.telemetry_peer import problem, telemetry
+
+async def main(port):
+    async with telemetry(port) as publisher:
+        publisher.publish(problem("the only one"))
+        print("published", flush=True)
+        await asyncio.to_thread(sys.stdin.readline)
+
+asyncio.run(main(int(sys.argv[1])))
+"""
 
 
 def drained(backlog: Backlog) -> list[str]:
@@ -100,8 +111,8 @@ def largest_mb(process: int) -> float:
 @pytest.mark.slow
 def test_a_large_query_is_refused_before_it_is_in_memory_and_small_ones_are_answered() -> None:
     port = free_port()
-    command = [sys.executable, "-m", "tests.benches.telemetry_process", str(port)]
-    with subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+    command = [sys.executable, "-c", PUBLISHING, str(port)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "published\n"
         try:

@@ -14,8 +14,6 @@ import pandas as pd
 import pytest
 from msgspec.structs import replace
 
-from drivers.base import SystemClock
-from gateway.config.telemetry import Telemetry
 from gateway.model.codes import NoticeCode
 from gateway.model.control_state import NcState
 from gateway.model.events import DecisionMade, Health, HealthChecked, ReadingsTaken, StoreHealth
@@ -27,7 +25,6 @@ from gateway.telemetry.client import Machine, MachineError
 from gateway.telemetry.history_queries import HistoryRequest
 from gateway.telemetry.messages import DecisionMessage, EventMessage, Published, ReadingMessage
 from tests.benches.free_port import free_port
-from tests.benches.open_publisher import OpenPublisher
 from tests.benches.telemetry_peer import decision, problem, reading, telemetry
 from tests.benches.waits import wait_until
 
@@ -139,8 +136,7 @@ async def test_a_day_is_a_table_of_its_good_values_by_channel() -> None:
         asked.append(request)
         return stored(request)
 
-    settings = Telemetry(listen=(here(port),))
-    async with OpenPublisher(settings, "mill", (), SystemClock(), "b", simulated=False, history=find):
+    async with telemetry(port, history=find):
         with Machine(connect=here(port)) as machine:
             day = machine.day(date(2026, 3, 2))
             only = machine.day(date(2026, 3, 2), ["b", "a"], zone=timezone(timedelta(hours=1)))
@@ -177,8 +173,8 @@ async def test_a_table_of_means_is_that_of_the_gateway_where_it_makes_them(earli
         times = [request.begin.timestamp(), request.begin.timestamp() + request.every_s]
         return HistoryPage(float(request.every_s), ("a",), ("degC",), times, [0, 0], [20.0, 22.0], ["good"] * 2, None)
 
-    settings, end = Telemetry(listen=(here(port),)), BEGIN + timedelta(minutes=3)
-    async with OpenPublisher(settings, "mill", (), SystemClock(), "b", simulated=False, history=find):
+    end = BEGIN + timedelta(minutes=3)
+    async with telemetry(port, history=find):
         with Machine(connect=here(port)) as machine:
             table = machine.history(BEGIN, end, every_s=60)
             for begin, every_s in (
@@ -224,8 +220,8 @@ async def test_a_table_of_single_readings_comes_in_blocks_where_it_can(
         page = as_blocks(stored(request))
         return page if how == "new" else replace(page, blocks=(replace(page.blocks[0], value=b"x"),))
 
-    settings, span = Telemetry(listen=(here(port),)), (BEGIN, BEGIN + timedelta(minutes=3))
-    async with OpenPublisher(settings, "mill", (), SystemClock(), "b", simulated=False, history=find):
+    span = (BEGIN, BEGIN + timedelta(minutes=3))
+    async with telemetry(port, history=find):
         with Machine(connect=here(port)) as machine:
             table = machine.history(*span, every_s=every_s)
             only = machine.history(*span, ["b"], every_s=every_s)
@@ -253,8 +249,7 @@ async def test_what_a_gateway_refuses_is_not_asked_for_a_second_time_in_another_
         asked.append(request.blocks)
         raise OSError("the disk does not answer")
 
-    settings = Telemetry(listen=(here(port),))
-    async with OpenPublisher(settings, "mill", (), SystemClock(), "b", simulated=False, history=find):
+    async with telemetry(port, history=find):
         with (
             Machine(connect=here(port)) as machine,
             pytest.raises(MachineError, match="history: the disk does not answer"),
@@ -270,8 +265,7 @@ async def test_the_example_of_the_page_follows_a_machine_and_reads_its_day() -> 
     port = free_port()
     code = found[1].replace("tcp/192.168.1.5:7447", here(port))
     assert code != found[1]
-    settings = Telemetry(listen=(here(port),))
-    async with OpenPublisher(settings, "mill", (), SystemClock(), "b", simulated=False, history=stored) as publisher:
+    async with telemetry(port, history=stored) as publisher:
         publisher.publish(
             HealthChecked(Health(60.0, 30, 29, NcState.READY, None, (plain("an operator"),), StoreHealth()))
         )

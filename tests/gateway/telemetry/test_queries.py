@@ -9,49 +9,24 @@ from typing import Any
 import pytest
 import zenoh
 
-from drivers.base import SystemClock
-from gateway.config.telemetry import Telemetry
 from gateway.model.events import EventReported
 from gateway.model.text import Text
 from gateway.telemetry.answers import CoursePage, HistoryPage, ReportPage, StoredColumn, StoredRows, StoredTable
 from gateway.telemetry.codec import MESSAGE_TYPES, decode_answer, decode_refusal
-from gateway.telemetry.history_queries import CourseRequest, CourseSource, HistoryRequest, HistorySource
+from gateway.telemetry.history_queries import CourseRequest, HistoryRequest
 from gateway.telemetry.json_schema import schemas
 from gateway.telemetry.messages import PublishedCourse
 from gateway.telemetry.queries import MOST_ROWS
-from gateway.telemetry.report_queries import ReportRequest, ReportSource
-from gateway.telemetry.stored_queries import StoredRequest, StoredSource
+from gateway.telemetry.report_queries import ReportRequest
+from gateway.telemetry.stored_queries import StoredRequest
 from talc.frame import Event, EventKind
 from tests.benches.free_port import free_port
-from tests.benches.open_publisher import OpenPublisher
-from tests.benches.telemetry_peer import ROOT, last_values
+from tests.benches.telemetry_peer import ROOT, last_values, telemetry
 from tests.benches.zenoh_sessions import client
 
 LIMIT_S = 60.0
 DAY = "from=2026-03-02T00:00:00Z;to=2026-03-03T00:00:00+01:00"
 PAGE = HistoryPage(0.0, ("a", "b"), ("degC", "um"), [1.5, 2.5], [0, 1], [20.0, None], ["good", "stale"], "r7")
-
-
-def with_history(
-    port: int,
-    source: HistorySource | None,
-    stored: StoredSource | None = None,
-    course: CourseSource | None = None,
-    report: ReportSource | None = None,
-) -> OpenPublisher:
-    settings = Telemetry(listen=(f"tcp/127.0.0.1:{port}",))
-    return OpenPublisher(
-        settings,
-        "mill",
-        (),
-        SystemClock(),
-        "boot-1",
-        simulated=False,
-        history=source,
-        course=course,
-        stored=stored,
-        report=report,
-    )
 
 
 def ask(port: int, selector: str) -> tuple[list[zenoh.Sample], list[Text]]:
@@ -69,7 +44,7 @@ async def test_a_page_is_what_was_asked_for() -> None:
         asked.append(request)
         return PAGE
 
-    async with with_history(port, find):
+    async with telemetry(port, history=find):
         found, errors = ask(port, f"{ROOT}/history?{DAY};channels=a,b;limit=5;after=r3")
     assert errors == []
     assert [(str(reply.key_expr), decode_answer(HistoryPage, reply.payload.to_bytes())) for reply in found] == [
@@ -132,7 +107,7 @@ async def test_a_wrong_query_is_answered_with_what_is_wrong(parameters: str, sai
                 return PAGE
 
     port = free_port()
-    async with with_history(port, find):
+    async with telemetry(port, history=find):
         found, errors = ask(port, f"{ROOT}/history?{parameters}")
     assert found == []
     assert [text for text in errors if said in text] == errors
@@ -147,7 +122,7 @@ async def test_a_course_is_what_was_asked_for_and_a_wrong_query_says_what_is_wro
         asked.append(request)
         return page
 
-    async with with_history(port, None, course=find):
+    async with telemetry(port, course=find):
         found, errors = ask(port, f"{ROOT}/course?{DAY};limit=50")
         assert errors == []
         assert [decode_answer(CoursePage, reply.payload.to_bytes()) for reply in found] == [page]
@@ -170,7 +145,7 @@ async def test_an_unexpected_error_is_logged_with_the_query_and_what_to_do(caplo
         raise KeyError(request.channels)
 
     port = free_port()
-    async with with_history(port, find):
+    async with telemetry(port, history=find):
         _, errors = ask(port, f"{ROOT}/history?{DAY};channels=a")
     assert errors == ["history: unexpected KeyError; please report it with the traceback in the gateway's log"]
     said = f"unexpected error while answering {ROOT}/history?{DAY};channels=a; please report this"
@@ -179,7 +154,7 @@ async def test_an_unexpected_error_is_logged_with_the_query_and_what_to_do(caplo
 
 async def test_a_gateway_without_a_store_says_so() -> None:
     port = free_port()
-    async with with_history(port, None):
+    async with telemetry(port):
         answers, refusals = ask(port, f"{ROOT}/history?{DAY}")
         assert (answers, len(refusals)) == ([], 1)
 
@@ -203,7 +178,7 @@ async def test_more_queries_than_can_wait_are_refused_at_once_and_the_others_ans
     def come(count: int) -> Callable[[], bool]:
         return lambda: len(answers) >= count
 
-    async with with_history(port, find):
+    async with telemetry(port, history=find):
         with client(port) as session:
             session.get(f"{ROOT}/history?{DAY}", take, timeout=LIMIT_S)
             assert began.wait(LIMIT_S)
@@ -239,7 +214,7 @@ async def test_stored_rows_are_those_after_the_position_that_was_asked_for() -> 
         asked.append(request)
         return ROWS
 
-    async with with_history(port, None, find):
+    async with telemetry(port, stored=find):
         found, errors = ask(port, f"{ROOT}/stored?after=events:{E}:2,steps,models:{E}:-1;limit=5")
         assert ask(port, f"{ROOT}/*") == ([], [])
     assert errors == []
@@ -267,7 +242,7 @@ async def test_a_corrupt_position_is_answered_with_what_is_wrong(parameters: str
         raise ValueError("frames: no such table")
 
     port = free_port()
-    async with with_history(port, None, find):
+    async with telemetry(port, stored=find):
         found, (error,) = ask(port, f"{ROOT}/stored?{parameters}")
     assert found == []
     assert said in error
@@ -275,7 +250,7 @@ async def test_a_corrupt_position_is_answered_with_what_is_wrong(parameters: str
 
 async def test_each_schema_is_answered_and_describes_what_is_published() -> None:
     port = free_port()
-    async with with_history(port, None) as publisher:
+    async with telemetry(port) as publisher:
         found, _ = ask(port, f"{ROOT}/schema/**")
         (only,), _ = ask(port, "talc/*/schema/status")
         publisher.publish(EventReported(Event(EventKind.PROBLEM, "the last"), 7))
@@ -292,7 +267,7 @@ async def test_each_schema_is_answered_and_describes_what_is_published() -> None
 
 async def test_a_query_for_all_keys_gets_last_values_and_neither_schemas_nor_history() -> None:
     port = free_port()
-    async with with_history(port, lambda _: PAGE) as publisher:
+    async with telemetry(port, history=lambda _: PAGE) as publisher:
         publisher.publish(EventReported(Event(EventKind.PROBLEM, "the last"), 7))
         assert list(last_values(port)) == [f"{ROOT}/event"]
         assert ask(port, f"{ROOT}/*")[1] == []
@@ -306,7 +281,7 @@ async def test_a_report_is_that_of_the_day_and_a_wrong_query_says_what_is_wrong(
         asked.append(request)
         return page
 
-    async with with_history(port, None, report=find):
+    async with telemetry(port, report=find):
         found, errors = ask(port, f"{ROOT}/report?day=2026-03-02;zone=Europe/Zurich")
         assert errors == []
         assert [decode_answer(ReportPage, reply.payload.to_bytes()) for reply in found] == [page]

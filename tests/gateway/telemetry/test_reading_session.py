@@ -1,7 +1,5 @@
 """The session of a program that only reads: closed whatever happens, and opened at one place."""
 
-from pathlib import Path
-
 import pytest
 import zenoh
 
@@ -9,8 +7,6 @@ from gateway.model.codes import NoticeCode
 from gateway.model.text import text_of
 from gateway.telemetry.client import Machine, MachineError
 from tests.benches.free_port import free_port
-
-GATEWAY = Path(__file__).parents[3] / "gateway"
 
 
 def refusing(_: object) -> zenoh.Session:
@@ -43,8 +39,3 @@ def test_a_session_is_closed_if_what_follows_its_opening_fails(monkeypatch: pyte
     with pytest.raises(zenoh.ZError, match="no"), Machine(connect="tcp/127.0.0.1:9"):
         pass
     assert opened.closed == 1
-
-
-def test_sessions_are_opened_in_the_telemetry_s_room_alone() -> None:
-    found = {path.relative_to(GATEWAY) for path in GATEWAY.rglob("*.py") if "zenoh.open" in path.read_text("utf-8")}
-    assert {path.parts[0] for path in found} == {"telemetry"}

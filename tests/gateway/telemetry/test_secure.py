@@ -25,10 +25,10 @@ from gateway.telemetry.session import Access
 from tests.benches.free_port import free_port
 from tests.benches.open_publisher import OpenPublisher
 from tests.benches.plant_authority import PlantAuthority
+from tests.benches.plant_router import plant_router
 from tests.benches.telemetry_peer import ROOT, problem
 from tests.benches.waits import turns, wait_until
 
-ROUTER = Path(__file__).parents[3] / "deploy" / "zenoh" / "router.json5"
 LIMIT_S = 60.0
 ROWS = 40_000
 PAGE = HistoryPage(
@@ -216,23 +216,6 @@ async def test_a_password_that_cannot_be_read_is_named(tmp_path: Path) -> None:
         assert gateway.connection.problem.value_of("path") == str(settings.password_file)
 
 
-@contextmanager
-def router(site: SecureSite) -> Iterator[None]:
-    """deploy/zenoh/router.json5 as it stands there, but for its files and its address."""
-    text = ROUTER.read_text(encoding="utf-8")
-    certificate, key = site.authority.issue("router")
-    for old, new in (
-        ("tls/0.0.0.0:7447", site.here),
-        ("/etc/zenoh/authority.pem", str(site.authority.path)),
-        ("/etc/zenoh/router.pem", str(certificate)),
-        ("/etc/zenoh/router.key", str(key)),
-    ):
-        assert text.count(old) == 1
-        text = text.replace(old, new)
-    with zenoh.open(zenoh.Config.from_json5(text)):
-        yield
-
-
 def raw(access: Access) -> dict[str, Any]:
     tls = "transport/link/tls"
     return {
@@ -245,37 +228,36 @@ def raw(access: Access) -> dict[str, Any]:
 
 async def test_behind_the_plants_router_readers_read_a_large_page_and_can_send_nothing(tmp_path: Path) -> None:
     site, other = SecureSite(tmp_path), PlantAuthority(tmp_path / "other")
-    to_router = Telemetry(mode="client", connect=(site.here,), tls=site.tls)
-    with router(site):
-        async with publisher(to_router) as gateway:
+    with plant_router(site.authority) as where:
+        async with publisher(Telemetry(mode="client", connect=(where,), tls=site.tls)) as gateway:
             gateway.publish(problem("by the router"))
             dashboard = site.access("dashboard")
-            with Machine("mill", connect=site.here, access=dashboard) as machine:
+            with Machine("mill", connect=where, access=dashboard) as machine:
                 wait_until(lambda: machine.latest("event"))
                 begin = site.authority.path.stat().st_mtime
                 (page,) = machine.pages(_utc(begin), _utc(begin + 1.0))
                 assert page == PAGE
             with (
-                reader(site.here, raw(site.access("maintenance"))) as good,
-                reader(site.here, raw(dashboard)) as bad,
+                reader(where, raw(site.access("maintenance"))) as good,
+                reader(where, raw(dashboard)) as bad,
             ):
                 assert_not_passed_on(gateway, good, bad)
-            assert "no gateway runs under talc" in refused(site.here, site.access("visitor"))
+            assert "no gateway runs under talc" in refused(where, site.access("visitor"))
             for access in (
                 Access(authority=site.authority.path),
                 site.access("dashboard", timedelta(days=-1)),
                 site.access("dashboard", issuer=other),
             ):
-                assert "no answer" in refused(site.here, access)
+                assert "no answer" in refused(where, access)
 
 
 async def test_another_machines_gateway_cannot_speak_for_the_mill(tmp_path: Path) -> None:
     site = SecureSite(tmp_path)
-    with router(site):
-        async with publisher(Telemetry(mode="client", connect=(site.here,), tls=site.tls)) as gateway:
+    with plant_router(site.authority) as where:
+        async with publisher(Telemetry(mode="client", connect=(where,), tls=site.tls)) as gateway:
             with (
-                reader(site.here, raw(site.access("maintenance"))) as good,
-                reader(site.here, raw(site.access("lathe"))) as bad,
+                reader(where, raw(site.access("maintenance"))) as good,
+                reader(where, raw(site.access("lathe"))) as bad,
             ):
                 assert_not_passed_on(gateway, good, bad)
 
@@ -289,16 +271,16 @@ async def test_behind_the_plants_router_only_a_panel_may_ask_for_commands(tmp_pa
     async def obey(command: Command, refused: str) -> CommandOutcome:
         return CommandOutcome(command, _utc(0.0), not refused, plain(refused or "it is done"))
 
-    def give() -> None:
-        with Machine("mill", connect=site.here, access=site.access("panel"), operator=signer) as machine:
+    def give(where: str) -> None:
+        with Machine("mill", connect=where, access=site.access("panel"), operator=signer) as machine:
             assert machine.pause().text == "it is done"
-        with Machine("mill", connect=site.here, access=site.access("dashboard"), operator=signer) as machine:
+        with Machine("mill", connect=where, access=site.access("dashboard"), operator=signer) as machine:
             wait_until(lambda: machine.latest("event"))  # everything else it may ask
             with pytest.raises(MachineError, match="no answer"):
                 machine.pause()
 
-    with router(site):
-        to_router = Telemetry(mode="client", connect=(site.here,), tls=site.tls, operator=(anna,))
+    with plant_router(site.authority) as where:
+        to_router = Telemetry(mode="client", connect=(where,), tls=site.tls, operator=(anna,))
         async with publisher(to_router, obey) as gateway:
             gateway.publish(problem("by the router"))
-            await asyncio.to_thread(give)
+            await asyncio.to_thread(give, where)
