@@ -92,13 +92,6 @@ def test_small_angles_leave_less_than_a_nanometre_to_the_full_chain(
     np.testing.assert_allclose(tcp_offsets(errors, positions, 0.2), forward_chain(errors, positions, 0.2), atol=0.02)
 
 
-def test_the_full_chain_by_hand() -> None:
-    # A shift of A and growth of the table with A = 90°: Y by the shift, -Y by the growth.
-    errors = np.array([3.0, 0, 0, 0, 7.0, 0, 0, 0, 0])
-    found = forward_chain(errors, np.array([10.0, 20.0, 30.0, np.pi / 2, 1.0]), 0.2)
-    np.testing.assert_allclose(found, np.array([0.0, 3.0 - 7.0, 0.0]), atol=1e-9)
-
-
 @given(errors9, travel, travel, angle)
 def test_the_axis_form_is_exact_for_one_position_of_a(
     errors: FloatArray, reference: FloatArray, position: FloatArray, a: float

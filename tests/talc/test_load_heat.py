@@ -37,13 +37,14 @@ def suspects(judgement: Judgement) -> set[str]:
     return {name for finding in judgement.findings for name in finding.inputs}
 
 
-def test_lagged_loads_are_the_digital_filter_they_stand_for() -> None:
+@pytest.mark.parametrize("step_s", [60.0, 300.0, 3600.0])
+def test_lagged_loads_are_the_digital_filter_they_stand_for(step_s: float) -> None:
     speed = work(3, 2)[:, None]
-    scale = scale_of(("speed",), speed, np.ones(speed.shape, np.bool_), 300.0)
+    scale = scale_of(("speed",), speed, np.ones(speed.shape, np.bool_), step_s)
     assert scale is not None
     features = scale.features(speed, np.ones(speed.shape, np.bool_))
     share = speed[:, 0] / speed.max()
-    for i, steps in enumerate(lag_s / 300.0 for lag_s in LAGS_S):
+    for i, steps in enumerate(lag_s / step_s for lag_s in (1800.0, 14400.0)):
         for j, driving in enumerate((share, share**2)):
             kept = np.exp(-1.0 / steps)
             expected = lfilter([1.0 - kept], [1.0, -kept], driving, zi=[kept * driving[0]])[0]

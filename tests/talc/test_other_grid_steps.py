@@ -5,7 +5,6 @@ Days of 5 min become days of 10 min by every second row.
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
 
 from talc.learner import inputs as memory
 from talc.load_heat import scale_of
@@ -53,18 +52,6 @@ def test_a_bearing_that_runs_hot_is_found_at_ten_minutes() -> None:
     rows = x[-rows_needed(model, EIGHT_HOURS) :]
     found = judge(model, NAMES, rows, np.ones(rows.shape, np.bool_), EIGHT_HOURS)
     assert [finding.inputs for finding in found.findings] == [("bearing",)]
-
-
-@pytest.mark.parametrize("step_s", [60.0, 600.0, 3600.0])
-def test_loads_heat_with_lags_of_half_an_hour_and_four_hours(step_s: float) -> None:
-    speed = np.repeat([0.0, 500.0, 200.0], 50)[:, None]
-    scale = scale_of(LOADS, speed, np.ones(speed.shape, np.bool_), step_s)
-    assert scale is not None
-    features = scale.features(speed, np.ones(speed.shape, np.bool_))
-    for i, lag_s in enumerate((1800.0, 14400.0)):
-        kept = np.exp(-step_s / lag_s)
-        expected = lfilter([1.0 - kept], [1.0, -kept], speed[:, 0] / 500.0)
-        np.testing.assert_allclose(features[:, 2 * i], expected, atol=1e-12)
 
 
 def test_an_unknown_load_is_held_for_an_hour_at_ten_minutes() -> None:

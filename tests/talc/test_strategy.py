@@ -133,6 +133,7 @@ def test_a_state_of_another_method_is_refused(method: str) -> None:
 def test_what_trains_nothing_takes_no_models(method: str) -> None:
     controller = Controller(INPUTS, settings(method), strategy=own(method))
     assert not any(decision.training for decision in run(controller, day(30)))
+    assert len(controller.state().inputs) <= 2, "its record does not grow"
     with pytest.raises(ValueError, match="takes no models"):
         controller.adopt(models(0))
 
@@ -142,7 +143,7 @@ def test_what_has_no_forecast_says_so(method: str) -> None:
     controller = Controller(INPUTS, settings(method), strategy=own(method))
     run(controller, day(30))
     assert controller.forecast([12]) is None
-    assert controller.explain() is None
+    assert (controller.explain(), controller.weights(), controller.reasons()) == (None, None, None)
     assert controller.between(heated(30), np.ones(2, dtype=np.bool_), 0.5) is None
     with pytest.raises(ValueError, match=f"the method {method} makes no forecasts"):
         controller.along(np.zeros((12, 2)), [12])

@@ -57,17 +57,6 @@ def test_95_percent_intervals_hold_the_truth(days: ThermalSeries) -> None:
     assert inside[24:].mean() > 0.9
 
 
-def test_a_restart_from_a_saved_state_decides_as_no_restart(days: ThermalSeries) -> None:
-    whole, _ = run(days, rows=range(200))
-    again = Controller.restore(whole.state(), SETTINGS)
-    for k in range(200, 320):
-        gap = 50 if k >= 260 else 0
-        a, b = (step(c, days, k, k + gap, k % 24 == 0) for c in (whole, again))
-        for name in FIELDS:
-            np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
-        assert (a.phase, a.measure, a.events) == (b.phase, b.measure, b.events)
-
-
 @pytest.mark.parametrize("measured", [False, True])
 def test_a_step_later_the_correction_is_what_the_next_frame_predicts(days: ThermalSeries, measured: bool) -> None:
     controller, _ = run(days, rows=range(300))
@@ -118,12 +107,6 @@ def test_before_the_first_frame_nothing_is_corrected_between_and_before_the_firs
     assert unknown is not None
     assert np.isnan(unknown).all()
     assert Controller(days.names, TalcSettings(method="models")).between(days.inputs[0], valid, 0.5) is None
-
-
-def test_a_state_of_the_other_method_is_refused(days: ThermalSeries) -> None:
-    controller, _ = run(days, rows=range(3))
-    with pytest.raises(ValueError, match="method = 'models': the state was made with the other method"):
-        Controller.restore(controller.state(), TalcSettings(method="models"))
 
 
 @pytest.mark.parametrize("gap", [5, 144, 4032])

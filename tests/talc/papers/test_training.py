@@ -108,12 +108,6 @@ def test_too_little_gives_no_model_and_says_so() -> None:
     assert models.models[0] is not None
 
 
-def test_static_inputs_are_kept() -> None:
-    s = series(300, seed=10)
-    keep = tuple(("t1", "t4") for _ in range(9))
-    assert [m.inputs for m in train(job(s, static_inputs=keep)).models if m is not None] == list(keep)
-
-
 def test_every_pole_is_stable_and_below_the_bound() -> None:
     s = series(300, seed=11)
     models = train(job(s, settings=TrainingSettings(max_pole=0.9)))
