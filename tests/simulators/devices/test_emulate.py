@@ -16,8 +16,7 @@ from drivers.profiles import load_profile
 from drivers.recognition import recognise_modbus
 from simulators.devices.__main__ import DEVICES, emulate
 from simulators.devices.scenario import Scenario
-from tests.benches.buses import make_bus
-from tests.benches.emulated_profiles import PROFILES, options
+from tests.benches.emulated_profiles import PROFILES, emulated, options, unit_of
 from tests.benches.logger_files import logger_profile
 
 SCENARIO = """
@@ -44,26 +43,16 @@ async def test_device_plays_its_scenario(device: str, tmp_path: Path) -> None:
     if device == "can_logger":
         profile = logger_profile(tmp_path)
     scenario = Scenario.parse(SCENARIO.format([42.0] * inputs))
-    unit = 126 if device in ("me_rs485", "me_dt6120") else 1
-    stop, started = asyncio.Event(), asyncio.get_running_loop().create_future()
-    running = asyncio.create_task(emulate(device, scenario, unit, started.set_result, stop))
-    settings = tomllib.loads(f"bus = {{ {await started} }}")["bus"]
-    bus = make_bus("bus", settings.pop("kind"), settings)
-    driver = make_device("device", bus, profile, unit, {"a": 0}, options(device), SystemClock())
     seen: list[Reading] = []
-    try:
+    async with emulated(device, scenario) as bus, asyncio.timeout(60.0):
+        driver = make_device("device", bus, profile, unit_of(device), {"a": 0}, options(device), SystemClock())
         await bus.connect()
         await driver.connect()
-        async with asyncio.timeout(60.0):
-            while len(seen) < 3:
-                (reading,) = await driver.read()
-                if not seen or (reading.quality is Quality.GOOD) != (seen[-1].quality is Quality.GOOD):
-                    seen.append(reading)
-                await asyncio.sleep(0.01)
-    finally:
-        await bus.close()
-        stop.set()
-        await running
+        while len(seen) < 3:
+            (reading,) = await driver.read()
+            if not seen or (reading.quality is Quality.GOOD) != (seen[-1].quality is Quality.GOOD):
+                seen.append(reading)
+            await asyncio.sleep(0.01)
     assert [reading.quality is Quality.GOOD for reading in seen] == [True, False, True]
     assert [seen[0].value, seen[2].value] == pytest.approx([42.0, 42.0], abs=0.06)
 
@@ -72,19 +61,10 @@ async def test_device_plays_its_scenario(device: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("device", ["m7015", "pta8d08", "adam6015", "wago464"])
 async def test_scan_recognises_it(device: str) -> None:
     profile, inputs = PROFILES[device]
-    scenario = Scenario.parse(SCENARIO.format([42.0] * inputs))
-    stop, started = asyncio.Event(), asyncio.get_running_loop().create_future()
-    running = asyncio.create_task(emulate(device, scenario, 1, started.set_result, stop))
-    settings = tomllib.loads(f"bus = {{ {await started} }}")["bus"]
-    bus = make_bus("bus", settings.pop("kind"), settings)
-    try:
+    async with emulated(device, Scenario.parse(STEADY.format([42.0] * inputs))) as bus:
         await bus.connect()
         assert isinstance(bus, ModbusBus)
         what = await recognise_modbus(bus, 1)
-    finally:
-        await bus.close()
-        stop.set()
-        await running
     assert (what.profile, what.doubts) == (profile, ())
 
 
@@ -94,21 +74,12 @@ async def test_every_possible_number_of_inputs_is_answered_and_no_other_begins(d
     profile, what = PROFILES[device][0], DEVICES[device]
     for inputs in {what.least, what.most} if profile else ():  # how many a logger sends is up to its DBC file
         scenario = Scenario.parse(STEADY.format([42.0] * inputs))
-        unit = 126 if device in ("me_rs485", "me_dt6120") else 1
-        stop, started = asyncio.Event(), asyncio.get_running_loop().create_future()
-        running = asyncio.create_task(emulate(device, scenario, unit, started.set_result, stop))
-        settings = tomllib.loads(f"bus = {{ {await started} }}")["bus"]
-        bus = make_bus("bus", settings.pop("kind"), settings)
-        last = min(inputs, load_profile(profile).channels) - 1
-        driver = make_device("device", bus, profile, unit, {"last": last}, options(device), SystemClock())
-        try:
+        last = {"last": min(inputs, load_profile(profile).channels) - 1}
+        async with emulated(device, scenario) as bus:
+            driver = make_device("device", bus, profile, unit_of(device), last, options(device), SystemClock())
             await bus.connect()
             await driver.connect()
             assert [r.quality for r in await driver.read()] == [Quality.GOOD]
-        finally:
-            await bus.close()
-            stop.set()
-            await running
     for inputs in {what.least - 1, what.most + 1} - {0}:
         scenario = Scenario.parse(STEADY.format([42.0] * inputs))
         with pytest.raises(ValueError, match=f"has {inputs} entries, but {device} has {what.least}.* inputs"):

@@ -3,7 +3,6 @@
 import asyncio
 import subprocess
 import sys
-import tomllib
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -17,8 +16,7 @@ from gateway.acquisition.line import Line
 from gateway.runtime.clocks import RealClock
 from simulators.devices.__main__ import DEVICES, emulate
 from simulators.devices.scenario import SWITCHES, NotOfThisDeviceError, Scenario
-from tests.benches.buses import make_bus
-from tests.benches.emulated_profiles import PROFILES, options
+from tests.benches.emulated_profiles import PROFILES, emulated, options, unit_of
 from tests.benches.logger_files import logger_profile
 from tests.benches.manual_clock import ManualClock
 
@@ -91,21 +89,13 @@ class LatestRead:
 async def read(device: str, scenario: Scenario, clock: ManualClock, folder: Path) -> AsyncIterator[LatestRead]:
     """The device on its wire, read twenty times a second; the scenario's time is the clock's."""
     profile = logger_profile(folder) if device == "can_logger" else PROFILES[device][0]
-    unit = 126 if device in ("me_rs485", "me_dt6120") else 1
     channel = 3 if device == "can_logger" else 0  # at the end of its frame
-    stop, started = asyncio.Event(), asyncio.get_running_loop().create_future()
-    running = asyncio.create_task(emulate(device, scenario, unit, started.set_result, stop, clock))
-    settings = tomllib.loads(f"bus = {{ {await started} }}")["bus"]
-    bus = make_bus("bus", settings.pop("kind"), settings | {"timeout_s": 0.2})
-    driver: Driver = make_device("device", bus, profile, unit, {"a": channel}, options(device), SystemClock())
-    heard = LatestRead()
-    line = Line(bus, (driver,), period_s=0.05, retry_max_periods=2)
-    try:
+    heard, unit = LatestRead(), unit_of(device)
+    async with emulated(device, scenario, clock, timeout_s=0.2) as bus:
+        driver: Driver = make_device("device", bus, profile, unit, {"a": channel}, options(device), SystemClock())
+        line = Line(bus, (driver,), period_s=0.05, retry_max_periods=2)
         async with Acquisition([line], RealClock(), heard.take, lambda _: None):
             yield heard
-    finally:
-        stop.set()
-        await running
 
 
 @pytest.mark.simulated_time

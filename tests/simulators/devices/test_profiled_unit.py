@@ -11,7 +11,9 @@ import pytest
 
 from drivers.base import Quality, Reading, SystemClock
 from drivers.build import make_device
-from simulators.devices.__main__ import device_of, emulate
+from drivers.modbus.bus import ModbusTcpBus
+from drivers.modbus.rtu import ModbusRtuBus
+from simulators.devices.__main__ import device_of
 from simulators.devices.adam6015 import Adam6015
 from simulators.devices.m7015 import M7015
 from simulators.devices.modbus_unit import ModbusUnit
@@ -19,7 +21,7 @@ from simulators.devices.profiled_unit import ProfiledUnit
 from simulators.devices.scenario import Scenario
 from simulators.devices.source import SensorFault, ValueSource
 from simulators.devices.wago464 import Wago464
-from tests.benches.buses import make_bus
+from tests.benches.emulated_profiles import emulated
 
 EVERYTHING = """
 protocol = "modbus"
@@ -118,22 +120,14 @@ async def test_it_is_read_by_the_same_profile(kind: str, tmp_path: Path) -> None
         + "".join(f'[[at]]\ns = 5\nfault = "open"\nchannel = {number}\n' for number in (0, 2, 5, 14))
         + "".join(f'[[at]]\ns = 5\nfault = "over"\nchannel = {number}\n' for number in (3, 6))
     )
-    stop, started = asyncio.Event(), asyncio.get_running_loop().create_future()
-    running = asyncio.create_task(emulate(str(path), scenario, 1, started.set_result, stop))
-    settings = tomllib.loads(f"bus = {{ {await started} }}")["bus"]
-    assert settings["kind"] == kind
-    bus = make_bus("bus", settings.pop("kind"), settings)
-    driver = make_device("device", bus, str(path), 1, {f"c{i}": i for i in range(15)}, {}, SystemClock())
-    try:
+    async with emulated(str(path), scenario) as bus:
+        assert isinstance(bus, ModbusTcpBus if kind == "modbus_tcp" else ModbusRtuBus)
+        driver = make_device("device", bus, str(path), 1, {f"c{i}": i for i in range(15)}, {}, SystemClock())
         await bus.connect()
         await driver.connect()
         before = await driver.read()
         await asyncio.sleep(6.0)
         after = await driver.read()
-    finally:
-        await bus.close()
-        stop.set()
-        await running
     assert {reading.quality for reading in before} == {Quality.GOOD}
     assert [reading.value for reading in before] == pytest.approx(VALUES, rel=1e-6, abs=2e-3)
     assert told(after) == {

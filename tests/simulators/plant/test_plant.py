@@ -1,8 +1,6 @@
 """The five-axis machine at run time: balances, stability at any film, instruments, magnitudes."""
 
 import math
-import re
-import tomllib
 from dataclasses import replace
 
 import numpy as np
@@ -23,29 +21,12 @@ from simulators.plant import (
 from simulators.plant.drive import loads
 from simulators.plant.joined import FAMILIES, ZONES
 from simulators.plant.network import Network
-from simulators.plant.parameters import HERE
 from talc.names import THERMAL_ERRORS
 
 CALM = Environment(daily_amplitude_K=0, weather_sigma_K=0, gradient_K_m=0, door_openings_per_day=0)
 
 
 NEW = Ageing(friction_sigma=0, sensor_K_per_100h=0)
-
-
-@pytest.mark.parametrize("name", ["machine.toml", "shape.toml", "variants.toml"])
-def test_every_number_has_a_reason_in_its_own_line(name: str) -> None:
-    """A `why`, or a comment after a bare number. Faces and points are places and need none; joints take lines."""
-    text = (HERE / name).read_text(encoding="utf-8")
-    section, without = "", []
-    for number, line in enumerate(text.splitlines(), start=1):
-        if line.startswith("["):
-            section = line.split("]")[0].strip("[")
-        elif "=" in line and not line.startswith("#") and section not in ("patch", "point", "joint"):
-            value, _, comment = line.partition("#")
-            if not re.search(r'why = "[^"]{3,}"', value) and not comment.strip() and not value.startswith("path"):
-                without.append(f"{number}: {line}")
-    assert without == []
-    assert all(len(joint["why"]) > 3 for joint in tomllib.loads(text).get("joint", ()))
 
 
 @pytest.fixture(scope="module")
