@@ -8,11 +8,9 @@ import pytest
 
 from drivers.nc import ProbingState, ProgramState, RequestStatus, Triple
 from gateway.config.file import parse
-from gateway.control.replay.stored import replay
 from gateway.model.commands import CommandName
 from gateway.model.events import FrameMade, MeasurementEnded
 from gateway.model.standing import Standing
-from gateway.storage.history import History
 from gateway.storage.mending import Known, mend
 from gateway.storage.rows import of_outcome
 from gateway.storage.store import Store
@@ -20,7 +18,7 @@ from talc.frame import Why
 from tests.benches.commanded import CONFIG, STEP_S, Commanded, commanded
 from tests.benches.kept_events import KeptEvents
 from tests.benches.nc_link_bench import LinkBench
-from tests.benches.restarted import restarted
+from tests.benches.restarted import replayed, restarted
 from tests.benches.stepped_clock import EPOCH, SteppedClock
 
 REFERENCE, MEASURE, DISARM = CommandName.REFERENCE, CommandName.MEASURE, CommandName.DISARM
@@ -105,9 +103,7 @@ async def test_errors_count_from_the_new_reference_and_the_offsets_go_there(benc
 
     config = parse(LEARNER, tmp_path / "gateway.toml")
     stored(at.told, config.storage.path)
-    with History(config.storage.path) as history:
-        result = replay(history)
-    assert result.identical, result.first
+    replayed(config.storage.path)
     past = restarted(config)
     assert past.reference_mm is not None
     assert not past.renewing

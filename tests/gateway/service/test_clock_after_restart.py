@@ -20,7 +20,6 @@ from gateway.config.sections import Probing
 from gateway.control.grid import GridSampler, Schedule
 from gateway.control.loop import GridLoop
 from gateway.control.measuring import Measuring
-from gateway.control.replay.stored import replay
 from gateway.control.restart.earlier import EarlierRun, past_of
 from gateway.control.restart.rebuild import controller_of
 from gateway.control.trainer import Trainings
@@ -35,7 +34,7 @@ from gateway.storage.history import History
 from gateway.storage.store import Store
 from talc.frame import Decision, Frame, Measurement, Why
 from tests.benches.kept_events import KeptEvents
-from tests.benches.restarted import restarted
+from tests.benches.restarted import replayed, restarted
 from tests.benches.service_file import MACHINE, adam6015
 from tests.benches.stepped_clock import SteppedClock
 from tests.benches.tasks import running
@@ -198,9 +197,7 @@ async def test_nothing_is_younger_than_it_is_and_nothing_is_deleted(boot: Boot, 
     assert true_s <= (after.frames[0].k - before) * STEP_S <= true_s + ahead_s + 2 * STEP_S, "2106 is not believed"
     with closing(sqlite3.connect(config.storage.path)) as connection:
         assert connection.execute("SELECT count(*) FROM reading").fetchone() == (1,)
-    with History(config.storage.path) as history:
-        result = replay(history)
-    assert result.identical, result.first
+    result = replayed(config.storage.path)
     assert result.steps == STEPS + len(at.frames) + len(after.frames)
 
 

@@ -12,7 +12,6 @@ import pytest
 
 from gateway.config.file import parse
 from gateway.config.model import GatewayConfig
-from gateway.control.replay.stored import replay
 from gateway.control.restart.earlier import earlier_run, past_of
 from gateway.control.sensor_watch import SeenBefore
 from gateway.control.trainer import models_of_failure
@@ -23,7 +22,7 @@ from gateway.storage.history import History
 from gateway.storage.store import Store
 from talc.control import Controller
 from talc.frame import Event, EventKind, Frame, Measurement
-from tests.benches.restarted import restarted
+from tests.benches.restarted import replayed, restarted
 from tests.benches.service_file import MACHINE, adam6015
 from tests.benches.stepped_clock import SteppedClock
 
@@ -100,9 +99,7 @@ def test_what_was_suspect_and_had_not_ended_still_is(config: GatewayConfig) -> N
 
 def test_a_replay_does_not_repeat_a_training_that_the_computer_made_fail(config: GatewayConfig) -> None:
     stored_run(config)
-    with History(config.storage.path) as history:
-        result = replay(history)
-    assert result.identical, result.first
+    result = replayed(config.storage.path)
     assert (result.steps, result.trainings) == (STEPS, 0)
 
 
@@ -147,9 +144,8 @@ def test_a_database_without_a_method_is_replayed_and_continued_with_models(confi
     config = with_method(config, "models")
     stored_run(config)
     stored_before_methods(config)
-    with History(config.storage.path) as history:
-        assert replay(history).identical
-        past = past_of(history, config)
+    replayed(config.storage.path)
+    past = restarted(config)
     assert (past.former_method, past.last_k) == (None, STEPS - 1)
 
 
@@ -167,9 +163,7 @@ def test_a_restart_with_another_method_learns_from_the_record_and_is_replayed(co
             assert np.isfinite(decision.predicted).all(), "it learnt from the earlier measurements"
             store.record(FrameMade(frame))
             store.record(DecisionMade(decision))
-    with History(config.storage.path) as history:
-        result = replay(history)
-    assert result.identical, result.first
+    result = replayed(config.storage.path)
     assert result.steps == STEPS + 5
 
 

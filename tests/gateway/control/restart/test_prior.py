@@ -11,14 +11,10 @@ import pytest
 
 from gateway.acquisition.reload import ReloadError, bus_changes
 from gateway.config.file import load
-from gateway.config.model import GatewayConfig
-from gateway.control.replay.stored import replay
 from gateway.control.restart.rebuild import controller_of
 from gateway.storage.history import History
-from talc.frame import FloatArray
 from tests.benches.machines_of_a_kind import CHANNELS, DAY, day, frames, store_run, talc_gateway, written
-from tests.benches.restarted import restarted
-from tests.benches.thermal_series import ThermalSeries
+from tests.benches.restarted import replayed, restarted
 
 
 @pytest.fixture(scope="module")
@@ -39,33 +35,6 @@ def here(shop: Path, tmp_path: Path) -> Path:
     """A separate folder for a fourth machine, with the file."""
     (tmp_path / "kind.json").write_bytes((shop / "kind.json").read_bytes())
     return tmp_path
-
-
-def left(config: GatewayConfig, days: ThermalSeries, rows: slice) -> float:
-    """RMS of truth minus estimate."""
-    controller = controller_of(config)
-    found = [np.nan_to_num(controller.step(frame).predicted) for frame in frames(days)]
-    difference: FloatArray = (days.truth - np.array(found))[rows]
-    return float(np.sqrt(np.mean(difference**2)))
-
-
-@pytest.mark.slow
-def test_a_fourth_machine_starts_better_with_the_file_of_three(here: Path) -> None:
-    told, alone = load(written(here, "told", "kind.json")), load(written(here, "alone"))
-    first, later = slice(0, 72), slice(72, None)
-    assert left(told, day(20), first) < 0.75 * left(alone, day(20), first)
-    assert left(told, day(20), later) < left(alone, day(20), later)
-
-
-@pytest.mark.slow
-def test_a_file_of_another_kind_has_lost_its_weight_after_hours(here: Path) -> None:
-    plain = json.loads((here / "kind.json").read_text(encoding="utf-8"))
-    for told in plain["errors"].values():
-        told["mean"] = [-weight for weight in told["mean"]]
-    (here / "mirrored.json").write_text(json.dumps(plain), encoding="utf-8")
-    wrong, alone = load(written(here, "wrong", "mirrored.json")), load(written(here, "alone"))
-    later = slice(144, None)
-    assert left(wrong, day(21), later) < 1.1 * left(alone, day(21), later)
 
 
 def test_a_replay_is_identical_whatever_became_of_the_file(here: Path) -> None:
@@ -97,9 +66,7 @@ def test_another_prior_after_a_restart_is_reported_and_replayed(here: Path) -> N
     assert not restarted(second).other_prior
     assert restarted(first).other_prior, "there is none any more"
     store_run(first, found[200:], restarted(first).controller)
-    with History(first.storage.path) as history:
-        result = replay(history)
-    assert result.identical, result.first
+    result = replayed(first.storage.path)
     assert result.steps == DAY
 
 

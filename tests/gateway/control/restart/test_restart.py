@@ -27,7 +27,7 @@ from gateway.storage.stored import StoredStep
 from talc.control import Controller
 from talc.frame import Decision, Frame, Measurement
 from talc.papers.training import train
-from tests.benches.restarted import restarted
+from tests.benches.restarted import replayed, restarted
 from tests.benches.service_file import MACHINE, adam6015, short_calibration
 from tests.benches.stepped_clock import SteppedClock
 
@@ -125,8 +125,7 @@ def test_a_restart_from_a_snapshot_decides_as_one_from_the_whole_record(method: 
     whole = restarted(config)
     assert whole.since_snapshot == LONGER - GAP
     assert_same_past(quick, whole)
-    with History(config.storage.path) as history:
-        assert replay(history).identical
+    replayed(config.storage.path)
 
 
 @pytest.mark.slow
@@ -153,8 +152,7 @@ def test_another_computer_goes_on_from_a_backup_with_what_was_learnt(method: str
     back_up(config.storage.path, new.storage.path, readings=False)
     assert_same_past(restarted(new), restarted(config))
     run(new, restarted(new), LONGER, LONGER + 20, "later")
-    with History(new.storage.path) as history:
-        assert replay(history).identical
+    replayed(new.storage.path)
 
 
 @pytest.mark.slow
@@ -192,16 +190,6 @@ def test_a_snapshot_is_ahead_of_no_step_that_is_stored(tmp_path: Path) -> None:
     change(config.storage.path, "DELETE FROM frame WHERE k >= ?", ahead)
     change(config.storage.path, "DELETE FROM decision WHERE k >= ?", ahead)
     assert restarted(config).last_k == ahead - 1
-
-
-def test_the_learners_state_does_not_grow_with_its_age(tmp_path: Path) -> None:
-    config = config_of(tmp_path)
-    controller = Controller(config.input_names, config.talc)
-    rows = set()
-    for frame in frames(0, 90):
-        controller.step(frame)
-        rows.add(len(controller.state().inputs))
-    assert max(rows) <= 2
 
 
 def test_bytes_that_are_no_snapshot_are_refused() -> None:
