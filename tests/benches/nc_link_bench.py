@@ -15,6 +15,7 @@ from gateway.config.extended import validate
 from gateway.config.model import GatewayConfig
 from gateway.model.commands import Disarmed, Pause
 from gateway.model.compensation import Offsets, Write
+from gateway.model.probing import Outcome
 from gateway.model.text import Text
 from gateway.nc.link import NcLink
 from gateway.nc.settings import Earlier, Identity, LinkSettings, Listeners
@@ -256,6 +257,26 @@ class LinkBench:
             [ended] = await asyncio.gather(task, return_exceptions=True)
         if isinstance(ended, Exception) and not self.disk_full:
             raise ended
+
+    @asynccontextmanager
+    async def following(self, z_um: float, until_s: float) -> AsyncIterator[None]:
+        """The link runs inside, after it has followed this offset in Z until then."""
+        async with self.running():
+            self.link.follow(decision(z_um))
+            await self.clock.run_until(until_s)
+            yield
+
+    async def stopped(self, until_s: float) -> None:
+        """Stop the link, which has ended by then."""
+        stopping = asyncio.create_task(self.link.stop())
+        await self.clock.run_until(until_s)
+        await stopping
+
+    async def measured(self, until_s: float, why: Why = Why.INTERVAL) -> Outcome:
+        """The result of a measurement that begins now and has ended by then."""
+        cycle = asyncio.create_task(self.link.measure(why))
+        await self.clock.run_until(until_s)
+        return await cycle
 
     async def abandon_measurement(self, until_s: float) -> None:
         """Ask for a measurement now; at this time nobody waits for it any more."""

@@ -20,7 +20,7 @@ from gateway.model.probing import Outcome
 from gateway.nc.link import NcLink
 from gateway.nc.settings import Earlier, Identity, LinkSettings, Listeners
 from simulators.nc import Activity, CycleSettings, DayPart, EmulatedControl, LoadCase, MachineState, MeanLoads, User
-from talc.frame import Decision, Phase
+from talc.frame import Decision, Phase, Why
 from tests.benches.cut_wire import CutWire, wire_to
 from tests.benches.emulated_bench import Rigid
 from tests.benches.wire_clock import WireClock
@@ -59,6 +59,12 @@ class NcWireBench:
 
     def told(self, ended: bool) -> list[str]:
         return [notice.text for notice in self.notices if notice.ended is ended]
+
+    async def measured(self, until_s: float, why: Why = Why.INTERVAL) -> Outcome:
+        """The result of a measurement that begins now and has ended by then."""
+        cycle = asyncio.create_task(self.link.measure(why))
+        await self.clock.run_until(until_s)
+        return await cycle
 
     async def ended(self, cycle: asyncio.Task[Outcome], within_s: float) -> Outcome:
         """The result of a measurement. Raises AssertionError if it has not ended within this simulated time."""

@@ -32,7 +32,7 @@ from gateway.nc.boundary import contained_control
 from gateway.runtime.boundary import UnexpectedError
 from tests.benches.answering_control import AnsweringControl, AnsweringErrors, AnsweringLate, AnsweringSlopes
 from tests.benches.fake_agent import agent_and_driver
-from tests.benches.nc_link_bench import LinkBench, answer_wrongly, decision
+from tests.benches.nc_link_bench import LinkBench, answer_wrongly
 
 SNAPSHOT = NcSnapshot(datetime(2026, 1, 1, tzinfo=UTC), 5.0, dict.fromkeys(AXES, 1.0), {"coolant": 1.0})
 DONE = RequestStatus(7, ProbingState.DONE, ((1.0, 2.0, 3.0),))
@@ -242,9 +242,7 @@ async def test_every_allowed_value_of_a_snapshot_passes() -> None:
 
 async def test_a_zero_for_not_ready_writes_nothing_and_does_not_end_the_link() -> None:
     bench = LinkBench("compensate")
-    async with bench.running():
-        bench.link.follow(decision(6.0))
-        await bench.clock.run_until(3.0)
+    async with bench.following(6.0, until_s=3.0):
         written = len(bench.control.writes)
         repair = answer_wrongly(bench, "snapshot", lambda s: replace(s, ready=0))
         await bench.clock.run_until(10.0)
@@ -277,9 +275,7 @@ async def test_an_agent_s_absurd_position_is_a_bad_answer(tmp_path: Path) -> Non
 
 async def test_nothing_is_written_for_an_absurd_position_and_the_link_recovers() -> None:
     bench = LinkBench("compensate")
-    async with bench.running():
-        bench.link.follow(decision(6.0))
-        await bench.clock.run_until(3.0)
+    async with bench.following(6.0, until_s=3.0):
         written = len(bench.control.writes)
         repair = answer_wrongly(bench, "snapshot", lambda s: replace(s, positions=s.positions | {"X": 1e300}))
         await bench.clock.run_until(10.0)

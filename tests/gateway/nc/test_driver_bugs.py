@@ -40,9 +40,7 @@ async def test_what_a_driver_raises_loses_the_connection_and_it_comes_back_witho
     operation: str, error: Exception, caplog: pytest.LogCaptureFixture
 ) -> None:
     bench = LinkBench("compensate")
-    async with bench.running():
-        bench.link.follow(decision(6.0))
-        await bench.clock.run_until(3.0)
+    async with bench.following(6.0, until_s=3.0):
         repair = spoil(bench, operation, error)
         await bench.clock.run_until(40.0)
         assert bench.link.present is None
@@ -76,9 +74,7 @@ async def test_exceptions_of_two_kinds_are_reported_as_two_problems() -> None:
 async def test_what_a_driver_raises_when_it_connects_is_tried_again(operation: str) -> None:
     bench = LinkBench("compensate")
     repair = spoil(bench, operation, struct.error("unpack requires 4 bytes"))
-    async with bench.running():
-        bench.link.follow(decision(2.0))
-        await bench.clock.run_until(10.0)
+    async with bench.following(2.0, until_s=10.0):
         repair()
         await bench.clock.run_until(50.0)
         assert bench.control.in_force == (0.0, 0.0, 2.0)
@@ -121,9 +117,7 @@ WRONG: dict[str, tuple[str, Callable[[Any], object]]] = {
 @pytest.mark.parametrize("name", WRONG)
 async def test_an_answer_that_the_interface_excludes_is_the_control_s_fault(name: str) -> None:
     bench = LinkBench("compensate")
-    async with bench.running():
-        bench.link.follow(decision(4.0))
-        await bench.clock.run_until(2.0)
+    async with bench.following(4.0, until_s=2.0):
         repair = answer_wrongly(bench, *WRONG[name])
         await bench.clock.run_until(20.0)
         assert bench.link.present is None
@@ -140,9 +134,7 @@ async def test_what_a_driver_raises_while_it_probes_is_a_measurement_refused(ope
     async with bench.running():
         await bench.clock.run_until(2.0)
         repair = spoil(bench, operation, IndexError("list index out of range"))
-        cycle = asyncio.create_task(bench.link.measure(Why.INTERVAL))
-        await bench.clock.run_until(10.0)
-        outcome = await cycle
+        outcome = await bench.measured(10.0)
         assert outcome.measurement is None
         assert "unexpected IndexError" in outcome.reason
         repair()
@@ -172,9 +164,7 @@ async def test_what_a_driver_raises_while_it_stops_keeps_nothing_else_from_being
         bench.link.follow(decision(2.0))
         await bench.clock.run_until(10.0)
     spoil(bench, operation, ValueError("bad value"))
-    stopping = asyncio.create_task(bench.link.stop())
-    await bench.clock.run_until(40.0)
-    await stopping
+    await bench.stopped(40.0)
     if operation != "close":
         assert bench.control.closed == 1
     if operation != "release":

@@ -22,9 +22,7 @@ async def test_unarmed_nothing_is_ever_written(mode: str) -> None:
     async with bench.running():
         bench.link.follow(decision(20.0))
         await bench.clock.run_until(30.0)
-    stopping = asyncio.create_task(bench.link.stop())
-    await bench.clock.run_until(90.0)
-    await stopping
+    await bench.stopped(90.0)
     assert bench.control.writes == []
     assert bench.control.beats == []
     assert bench.control.owner == 0
@@ -121,9 +119,7 @@ async def test_a_write_that_does_not_take_effect_disarms_and_says_so_once() -> N
 
 async def test_after_a_lost_connection_it_begins_from_what_is_in_force() -> None:
     bench = LinkBench("compensate")
-    async with bench.running():
-        bench.link.follow(decision(4.0))
-        await bench.clock.run_until(10.0)
+    async with bench.following(4.0, until_s=10.0):
         bench.control.absent = True
         await bench.clock.run_until(20.0)
         bench.control.absent, bench.control.in_force = False, (0.0, 0.0, 0.0)  # it was switched off meanwhile
@@ -138,9 +134,7 @@ async def test_after_a_lost_connection_it_begins_from_what_is_in_force() -> None
 async def test_a_second_gateway_is_refused_and_the_message_says_so() -> None:
     bench = LinkBench("compensate")
     bench.control.owner = 99
-    async with bench.running():
-        bench.link.follow(decision(4.0))
-        await bench.clock.run_until(10.0)
+    async with bench.following(4.0, until_s=10.0):
         assert bench.control.writes == []
         assert any("belongs to gateway 99" in notice for notice in bench.notices)
         bench.control.owner = 0
@@ -151,9 +145,7 @@ async def test_a_second_gateway_is_refused_and_the_message_says_so() -> None:
 
 async def test_a_gateway_that_lost_its_claim_while_running_stops_writing_at_once() -> None:
     bench = LinkBench("compensate")
-    async with bench.running():
-        bench.link.follow(decision(4.0))
-        await bench.clock.run_until(2.5)
+    async with bench.following(4.0, until_s=2.5):
         bench.control.owner = 99
         before = len(bench.control.writes)
         await bench.clock.run_until(20.0)
@@ -209,9 +201,7 @@ async def test_a_control_slower_than_the_period_is_reported_once_until_it_is_qui
 
 async def test_after_the_watchdog_had_the_offsets_it_begins_from_where_they_are() -> None:
     bench = LinkBench("compensate")
-    async with bench.running():
-        bench.link.follow(decision(8.0))
-        await bench.clock.run_until(15.0)
+    async with bench.following(8.0, until_s=15.0):
         bench.control.watching, bench.control.in_force = False, (0.0, 0.0, 2.0)  # ramped while this process hung
         await bench.clock.run_until(17.0)
         bench.control.watching = True
@@ -273,9 +263,7 @@ async def test_time_that_passes_after_an_unheard_beat_is_no_part_of_the_next_ste
 async def test_a_process_that_stood_still_since_its_beat_does_not_write(within: str) -> None:
     """watchdog_s = 10: after 6 s the control may be about to take the offsets away."""
     bench = LinkBench("compensate")
-    async with bench.running():
-        bench.link.follow(decision(8.0))
-        await bench.clock.run_until(3.5)
+    async with bench.following(8.0, until_s=3.5):
         before = len(bench.control.writes)
         bench.control.hangs = within
         bench.control.looks = 0
@@ -293,9 +281,7 @@ async def test_stopping_takes_the_offsets_back() -> None:
     async with bench.running():
         bench.link.follow(decision(4.0))
         await bench.clock.run_until(10.0)
-    stopping = asyncio.create_task(bench.link.stop())
-    await bench.clock.run_until(60.0)
-    await stopping
+    await bench.stopped(60.0)
     assert bench.control.in_force == (0.0, 0.0, 0.0)
     told = [write.step.offsets_um for write in bench.steps if write.step.source is Source.STOPPED and write.written]
     assert told == [offsets for at, offsets in bench.control.writes if at > 10.0]
@@ -304,9 +290,7 @@ async def test_stopping_takes_the_offsets_back() -> None:
 
 async def test_a_write_without_an_answer_is_reported_as_one_that_may_have_acted() -> None:
     bench = LinkBench("compensate")
-    async with bench.running():
-        bench.link.follow(decision(4.0))
-        await bench.clock.run_until(1.5)
+    async with bench.following(4.0, until_s=1.5):
         bench.control.swallows = True
         await bench.clock.run_until(2.5)
         bench.control.swallows = False
@@ -318,9 +302,7 @@ async def test_a_write_without_an_answer_is_reported_as_one_that_may_have_acted(
 
 async def test_a_step_like_the_one_before_is_stored_only_when_it_was_not_confirmed() -> None:
     bench = LinkBench("compensate")
-    async with bench.running():
-        bench.link.follow(decision(4.0))
-        await bench.clock.run_until(10.0)
+    async with bench.following(4.0, until_s=10.0):
         stored, written = len(bench.steps), len(bench.control.writes)
         await bench.clock.run_until(15.0)
         assert len(bench.control.writes) == written + 5, "the same, each period"
@@ -336,17 +318,13 @@ async def test_stopping_gives_the_control_back() -> None:
     async with bench.running():
         await bench.clock.run_until(3.0)
         assert bench.control.owner == 1
-    stopping = asyncio.create_task(bench.link.stop())
-    await bench.clock.run_until(10.0)
-    await stopping
+    await bench.stopped(10.0)
     assert bench.control.owner == 0
 
 
 async def test_what_somebody_else_writes_disarms_instead_of_being_overwritten_by_a_step() -> None:
     bench = LinkBench("compensate")
-    async with bench.running():
-        bench.link.follow(decision(4.0))
-        await bench.clock.run_until(10.0)
+    async with bench.following(4.0, until_s=10.0):
         bench.control.in_force = (0.0, 30.0, 4.0)
         before = len(bench.control.writes)
         bench.link.follow(decision(5.0))
@@ -360,9 +338,7 @@ async def test_what_somebody_else_writes_disarms_instead_of_being_overwritten_by
 @pytest.mark.parametrize("look", [1, 2])
 async def test_one_spoilt_answer_disarms_nothing_and_two_do(look: int, again: int, armed: bool) -> None:
     bench = LinkBench("compensate")
-    async with bench.running():
-        bench.link.follow(decision(4.0))
-        await bench.clock.run_until(10.0)
+    async with bench.following(4.0, until_s=10.0):
         first = bench.control.looks + look
         bench.control.garbled = set(range(first, first + again + 1))
         bench.link.follow(decision(-4.0))
@@ -410,9 +386,7 @@ async def test_a_read_back_that_is_not_a_number_agrees_with_nothing() -> None:
 
 async def test_what_is_not_a_number_when_it_connects_is_reported_and_does_not_end_the_link() -> None:
     bench = LinkBench("compensate", in_force=(0.0, math.nan, 0.0))
-    async with bench.running():
-        bench.link.follow(decision(4.0))
-        await bench.clock.run_until(10.0)
+    async with bench.following(4.0, until_s=10.0):
         assert bench.control.writes == []
         assert [notice for notice in bench.notices if "nan" in notice and "finite" in notice]
         bench.control.in_force = (0.0, 0.0, 0.0)
@@ -433,9 +407,7 @@ async def test_stopped_in_the_middle_of_a_write_it_takes_the_offsets_back_and_re
     bench.control.late.set()
     await asyncio.gather(task, return_exceptions=True)
     assert task.cancelled()
-    stopping = asyncio.create_task(bench.link.stop())
-    await bench.clock.run_until(60.0)
-    await stopping
+    await bench.stopped(60.0)
     assert bench.link.armed
     assert bench.notices == []
     assert bench.control.in_force == (0.0, 0.0, 0.0)
@@ -453,9 +425,7 @@ async def test_a_step_that_cannot_be_stored_ends_the_link_and_the_offsets_are_st
     await bench.clock.run_until(7.0)
     with pytest.raises(OSError, match="no space left"):
         await task
-    stopping = asyncio.create_task(bench.link.stop())
-    await bench.clock.run_until(60.0)
-    await stopping
+    await bench.stopped(60.0)
     assert bench.control.in_force == (0.0, 0.0, 0.0)
     assert bench.control.owner == 0
     assert bench.control.closed == 1
@@ -463,14 +433,10 @@ async def test_a_step_that_cannot_be_stored_ends_the_link_and_the_offsets_are_st
 
 async def test_a_request_that_cannot_be_withdrawn_does_not_keep_the_offsets_from_being_taken_back() -> None:
     bench = LinkBench("compensate")
-    async with bench.running():
-        bench.link.follow(decision(4.0))
-        await bench.clock.run_until(10.0)
+    async with bench.following(4.0, until_s=10.0):
         await bench.abandon_measurement(12.0)
     bench.control.busy = True
-    stopping = asyncio.create_task(bench.link.stop())
-    await bench.clock.run_until(60.0)
-    await stopping
+    await bench.stopped(60.0)
     assert bench.control.withdrawn == []
     assert bench.control.in_force == (0.0, 0.0, 0.0)
     assert (bench.control.owner, bench.control.closed) == (0, 1)

@@ -3,14 +3,12 @@
 from dataclasses import replace
 
 from gateway.nc.problems import still_wrong
-from tests.benches.nc_link_bench import LinkBench, answer_wrongly, decision
+from tests.benches.nc_link_bench import LinkBench, answer_wrongly
 
 
 async def test_each_new_cause_while_it_is_not_connected_is_reported_once() -> None:
     bench = LinkBench("compensate")
-    async with bench.running():
-        bench.link.follow(decision(4.0))
-        await bench.clock.run_until(5.0)
+    async with bench.following(4.0, until_s=5.0):
         bench.control.absent = True
         await bench.clock.run_until(15.0)
         bench.control.absent, bench.control.owner = False, 99  # another gateway has come meanwhile

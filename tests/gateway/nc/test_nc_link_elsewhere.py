@@ -25,9 +25,7 @@ async def test_a_process_that_stood_still_between_its_first_beat_and_its_first_w
 
 async def test_it_begins_from_what_moved_while_the_control_was_not_ready_and_reports_no_other_writer() -> None:
     bench = LinkBench("compensate")
-    async with bench.running():
-        bench.link.follow(decision(4.0))
-        await bench.clock.run_until(10.0)
+    async with bench.following(4.0, until_s=10.0):
         bench.control.ready = False
         await bench.clock.run_until(12.0)
         bench.control.in_force = (0.0, 0.0, 0.0)  # off and on again
@@ -49,30 +47,22 @@ async def test_stopped_it_takes_back_what_is_in_force_and_not_what_it_remembers(
         bench.control.ready = False
     else:
         bench.control.probing = True
-    async with bench.running():
-        bench.link.follow(decision(8.0))
-        await bench.clock.run_until(10.0)
+    async with bench.following(8.0, until_s=10.0):
         bench.control.in_force = (0.0, 0.0, 2.0)
     bench.control.ready, bench.control.probing = True, False
-    stopping = asyncio.create_task(bench.link.stop())
-    await bench.clock.run_until(60.0)
-    await stopping
+    await bench.stopped(60.0)
     assert [offsets[2] for _, offsets in bench.control.writes] == [1.0, 0.0]
     assert bench.notices == []
 
 
 async def test_stopped_after_the_control_was_not_ready_it_takes_back_what_is_in_force_and_not_what_it_wrote() -> None:
     bench = LinkBench("compensate")
-    async with bench.running():
-        bench.link.follow(decision(8.0))
-        await bench.clock.run_until(20.0)
+    async with bench.following(8.0, until_s=20.0):
         bench.control.ready = False
         await bench.clock.run_until(22.0)
         bench.control.in_force = (0.0, 0.0, 2.0)
     bench.control.ready, before = True, len(bench.control.writes)
-    stopping = asyncio.create_task(bench.link.stop())
-    await bench.clock.run_until(60.0)
-    await stopping
+    await bench.stopped(60.0)
     assert [offsets[2] for _, offsets in bench.control.writes[before:]] == [1.0, 0.0]
     assert bench.notices == []
 
@@ -98,9 +88,7 @@ async def test_what_differs_by_more_than_a_twentieth_of_a_micrometre_is_of_anoth
     by_um: float, armed: bool
 ) -> None:
     bench = LinkBench("compensate")
-    async with bench.running():
-        bench.link.follow(decision(4.0))
-        await bench.clock.run_until(10.0)
+    async with bench.following(4.0, until_s=10.0):
         bench.control.in_force = (0.0, by_um, 4.0)
         await bench.clock.run_until(15.0)
         assert bench.link.armed is armed
@@ -112,9 +100,7 @@ async def test_stopped_with_hold_it_leaves_the_offsets_where_they_are() -> None:
         bench.link.follow(decision(4.0))
         await bench.clock.run_until(10.0)
     before = len(bench.control.writes)
-    stopping = asyncio.create_task(bench.link.stop())
-    await bench.clock.run_until(30.0)
-    await stopping
+    await bench.stopped(30.0)
     assert len(bench.control.writes) == before
     assert bench.control.in_force == (0.0, 0.0, 4.0)
     assert bench.control.owner == 0

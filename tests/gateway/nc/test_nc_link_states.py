@@ -38,9 +38,7 @@ def test_what_cannot_happen_is_an_error() -> None:
 @pytest.mark.parametrize("mode", ["monitor", "compensate"])
 async def test_offsets_stand_still_while_another_client_has_the_control_probe(mode: str) -> None:
     bench = LinkBench(mode)
-    async with bench.running():
-        bench.link.follow(decision(20.0))
-        await bench.clock.run_until(5.0)
+    async with bench.following(20.0, until_s=5.0):
         bench.control.probing = True
         before, stood = len(bench.control.writes), bench.steps[-1].step.offsets_um
         await bench.clock.run_until(15.0)
@@ -72,9 +70,7 @@ async def test_a_cycle_that_nobody_waits_for_and_that_does_not_end_is_told_once(
 
 async def test_while_the_control_is_not_ready_the_offsets_stand() -> None:
     bench = LinkBench("compensate")
-    async with bench.running():
-        bench.link.follow(decision(20.0))
-        await bench.clock.run_until(5.0)
+    async with bench.following(20.0, until_s=5.0):
         bench.control.ready, bench.control.probing = False, True
         before, beats = len(bench.control.writes), len(bench.control.beats)
         await bench.clock.run_until(15.0)
@@ -109,16 +105,12 @@ async def test_not_ready_while_it_stops_it_writes_nothing_more() -> None:
 
 async def test_stopped_after_an_emergency_stop_it_takes_back_what_is_in_force_by_then() -> None:
     bench = LinkBench("compensate")
-    async with bench.running():
-        bench.link.follow(decision(5.0))
-        await bench.clock.run_until(10.0)
+    async with bench.following(5.0, until_s=10.0):
         bench.control.ready = False
         await bench.clock.run_until(12.0)
         bench.control.in_force = (0.0, 0.0, 2.0)  # the watchdog had the offsets, or the control was off
     bench.control.ready = True
     before = len(bench.control.writes)
-    stopping = asyncio.create_task(bench.link.stop())
-    await bench.clock.run_until(60.0)
-    await stopping
+    await bench.stopped(60.0)
     assert [offsets[2] for _, offsets in bench.control.writes[before:]] == [1.0, 0.0]
     assert bench.notices == []

@@ -1,7 +1,6 @@
 """Faults over the real protocol around a probing cycle, and the link's reaction to them."""
 
 import asyncio
-import math
 from datetime import timedelta
 
 import numpy as np
@@ -12,34 +11,12 @@ from drivers.sinumerik.control import Sinumerik
 from drivers.sinumerik.settings import SinumerikSettings
 from gateway.model.probing import End
 from simulators.nc import ReasonCode
-from simulators.nc.nck import R_REQUEST, R_RESULTS, R_WITHDRAW
+from simulators.nc.nck import R_REQUEST, R_WITHDRAW
 from simulators.nc.variables import ALARMS_SHOWN
 from talc.frame import Why
 from tests.benches.nc_wire_bench import bench, wants
 
 pytestmark = pytest.mark.simulated_time
-
-
-@pytest.mark.slow
-async def test_a_connection_lost_while_it_probes_is_no_measurement_and_the_next_cycle_has_another_number() -> None:
-    async with bench() as at:
-        await at.clock.run_until(2.0)
-        at.control.nck.cycle.withdraw = lambda *_: None  # type: ignore[method-assign]  # the NC program does not look
-        first = asyncio.create_task(at.link.measure(Why.INTERVAL))
-        await at.clock.run_until(60.0)
-        assert at.control.nck.cycle.started_s is not None
-        await at.wire.cut()
-        at.wire.silent = True
-        await at.clock.run_until(70.0)
-        at.wire.silent = False
-        lost = await first
-        await at.clock.run_until(220.0)  # meanwhile the control has ended the cycle by itself
-        assert at.control.nck.cycle.answer.centres_mm
-        found = await at.ended(asyncio.create_task(at.link.measure(Why.INTERVAL)), 250.0)
-    assert (lost.measurement, lost.end) == (None, End.REFUSED)
-    assert "lost" in lost.reason or "answer" in lost.reason or "connect" in lost.reason
-    assert found.measurement is not None
-    assert found.number == lost.number + 1
 
 
 @pytest.mark.slow
@@ -153,63 +130,20 @@ async def test_a_result_that_comes_too_late_is_never_taken_for_the_next_one() ->
         at.control.nck.cycle.withdraw = lambda *_: None  # type: ignore[method-assign]  # the NC program does not look
         program = at.control.nck.cycle.next_safe_point
         at.control.nck.cycle.next_safe_point = lambda now_s: now_s + 250.0
-        first = asyncio.create_task(at.link.measure(Why.INTERVAL))
-        await at.clock.run_until(320.0)
-        late = await first
+        late = await at.measured(320.0)
         at.control.nck.cycle.next_safe_point = program
         second = asyncio.create_task(at.link.measure(Why.INTERVAL))
         await at.clock.run_until(380.0)  # now the first one is done
         refused = await second
         assert at.control.nck.cycle.answer.number == late.number
         assert at.control.nck.cycle.answer.centres_mm
-        third = asyncio.create_task(at.link.measure(Why.INTERVAL))
-        await at.clock.run_until(640.0)
-        found = await third
+        found = await at.measured(640.0)
     assert late.measurement is None
     assert "did not end within 300 s" in late.reason
     assert found.measurement is not None
     assert f"cycle {late.number} is in progress" in refused.reason
     assert found.number == late.number + 2
     assert found.ended - found.asked > timedelta(seconds=100)
-
-
-@pytest.mark.slow
-async def test_a_result_that_is_not_a_number_or_is_sent_twice_is_one_answer_at_most() -> None:
-    async with bench() as at:
-        await at.clock.run_until(2.0)
-        at.control.nck.miswritten = {R_RESULTS + 4: math.nan}
-        first = asyncio.create_task(at.link.measure(Why.INTERVAL))
-        await at.clock.run_until(200.0)
-        nan = await first
-        at.control.nck.miswritten = {}
-        second = asyncio.create_task(at.link.measure(Why.INTERVAL))
-        await at.clock.run_until(400.0)
-        good = await second
-        # The control goes on showing it as done; a third request waits for its own.
-        third = asyncio.create_task(at.link.measure(Why.INTERVAL))
-        await at.clock.run_until(410.0)
-        assert not third.done()
-        await at.clock.run_until(600.0)
-        again = await third
-    assert (nan.measurement, nan.end) == (None, End.REJECTED)
-    assert "not a finite number" in nan.reason
-    assert good.measurement is not None
-    assert again.number == good.number + 1
-
-
-@pytest.mark.slow
-async def test_a_sphere_that_is_loose_makes_no_measurement() -> None:
-    async with bench(mode="monitor") as at:
-        outcomes = []
-        await at.clock.run_until(2.0)
-        for loose_um in (0.0, 20.0):
-            at.control.nck.loose_um = loose_um
-            cycle = asyncio.create_task(at.link.measure(Why.INTERVAL))
-            outcomes.append(await at.ended(cycle, 250.0))
-    firm, loose = outcomes
-    assert firm.measurement is not None
-    assert (loose.measurement, loose.end) == (None, End.REJECTED)
-    assert "repeated touches of a point differ by" in loose.reason
 
 
 @pytest.mark.slow

@@ -25,19 +25,6 @@ pytestmark = pytest.mark.simulated_time
 
 
 @pytest.mark.slow
-async def test_a_control_that_is_absent_at_the_start_is_reported_once_and_compensated_when_it_comes() -> None:
-    async with bench(start=False) as at:
-        at.link.follow(wants(4.0))
-        await at.clock.run_until(10.0)
-        assert len(at.told(ended=False)) == 1
-        assert at.link.present is None
-        await at.control.start()
-        await at.clock.run_until(60.0)
-        assert at.told(ended=True) == ["NC: connected again"]
-        np.testing.assert_allclose(at.shift(), [0.0, 0.0, 4.0], atol=1e-9)
-
-
-@pytest.mark.slow
 async def test_a_connection_lost_in_the_middle_of_a_write_leaves_no_step_behind() -> None:
     async with bench() as at:
         at.link.follow(wants(40.0))
@@ -149,18 +136,15 @@ async def test_what_is_not_a_number_is_reported_and_no_write_rests_on_it(what: s
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("subscribe_s", [0.05])
-async def test_values_of_a_control_whose_clock_is_an_hour_off_get_our_time(subscribe_s: float) -> None:
-    async with bench(subscribe_s=subscribe_s) as at:
+async def test_values_of_a_control_whose_clock_is_an_hour_off_get_our_time() -> None:
+    async with bench(subscribe_s=0.05) as at:
         at.control.clock_wrong_by = timedelta(hours=-1)
         at.link.follow(wants(3.0))
         await at.clock.run_until(10.0)
         assert at.link.present is not None
         assert abs(at.link.present.time - at.clock.utc()) < timedelta(seconds=2)
         np.testing.assert_allclose(at.shift(), [0.0, 0.0, 3.0], atol=1e-9)
-        cycle = asyncio.create_task(at.link.measure(Why.INTERVAL))
-        await at.clock.run_until(250.0)
-        outcome = await cycle
+        outcome = await at.measured(250.0)
         assert outcome.measurement is not None
         assert outcome.ended <= at.clock.utc()
 

@@ -37,9 +37,7 @@ def z_of(bench: LinkBench) -> list[float]:
 @pytest.mark.parametrize("ez0a", [-1e300, -300.0, 300.0, 1e300, math.inf])
 async def test_no_renewal_steps_or_leaves_the_bound(ez0a: float) -> None:
     bench = LinkBench("compensate", stale_after_s=600.0)
-    async with bench.running():
-        bench.link.follow(decision(4.0))
-        await bench.clock.run_until(10.0)
+    async with bench.following(4.0, until_s=10.0):
         await renew_each_second(bench, 70.0, ez0a)
     assert max(abs(b - a) for a, b in pairwise(z_of(bench))) <= SLEW_UM + 1e-9
     assert max(map(abs, z_of(bench))) <= 50.0
@@ -59,9 +57,7 @@ async def test_renewals_do_not_keep_a_decision_alive() -> None:
 
 async def test_a_renewal_that_is_not_known_takes_the_offset_back() -> None:
     bench = LinkBench("compensate")
-    async with bench.running():
-        bench.link.follow(decision(4.0))
-        await bench.clock.run_until(10.0)
+    async with bench.following(4.0, until_s=10.0):
         bench.link.renew(np.full(9, np.nan))
         await bench.clock.run_until(20.0)
     assert bench.control.in_force == (0.0, 0.0, 0.0)
@@ -82,9 +78,7 @@ async def test_unarmed_no_renewal_is_written(mode: str) -> None:
 async def test_offsets_that_stand_still_do_so_whatever_is_renewed_and_then_move_on_by_the_slew(whose: str) -> None:
     bench = LinkBench("compensate", stale_after_s=600.0)
     bench.control.answer = RequestStatus(0, ProbingState.RUNNING)
-    async with bench.running():
-        bench.link.follow(decision(4.0))
-        await bench.clock.run_until(10.0)
+    async with bench.following(4.0, until_s=10.0):
         cycle = asyncio.create_task(bench.link.measure(Why.INTERVAL)) if whose == "own" else None
         bench.control.probing, bench.control.ready = whose == "the control's", whose != "not ready"
         await bench.clock.run_until(12.0)
@@ -104,9 +98,7 @@ async def test_offsets_that_stand_still_do_so_whatever_is_renewed_and_then_move_
 
 async def test_without_the_right_to_write_no_renewal_is_written() -> None:
     bench = LinkBench("compensate")
-    async with bench.running():
-        bench.link.follow(decision(4.0))
-        await bench.clock.run_until(10.0)
+    async with bench.following(4.0, until_s=10.0):
         bench.control.owner = 999
         await bench.clock.run_until(12.0)
         before = len(bench.control.writes)
@@ -117,9 +109,7 @@ async def test_without_the_right_to_write_no_renewal_is_written() -> None:
 @pytest.mark.parametrize("order", ["pause", "disarm"])
 async def test_no_renewal_ends_a_pause_or_arms_the_gateway(order: str) -> None:
     bench = LinkBench("compensate")
-    async with bench.running():
-        bench.link.follow(decision(4.0))
-        await bench.clock.run_until(10.0)
+    async with bench.following(4.0, until_s=10.0):
         if order == "pause":
             bench.link.pause(Pause("anna", EPOCH))
         else:

@@ -17,9 +17,7 @@ from tests.benches.nc_link_bench import LinkBench, decision
 async def test_offsets_stand_still_while_the_nc_probes_and_are_taken_out_of_the_result() -> None:
     bench = LinkBench("compensate")
     centres = ((1.0, 2.0, 3.0),) * 6
-    async with bench.running():
-        bench.link.follow(decision(4.0))
-        await bench.clock.run_until(10.0)
+    async with bench.following(4.0, until_s=10.0):
         cycle = asyncio.create_task(bench.link.measure(Why.INTERVAL))
         await bench.clock.run_until(12.0)
         written = len(bench.control.writes)
@@ -31,9 +29,7 @@ async def test_offsets_stand_still_while_the_nc_probes_and_are_taken_out_of_the_
         first = await cycle
         # The first cycle is the reference. The same centres again, with 5 µm more compensated in Z, mean that the
         # sphere has moved by those 5 µm.
-        second_cycle = asyncio.create_task(bench.link.measure(Why.INTERVAL))
-        await bench.clock.run_until(60.0)
-        second = await second_cycle
+        second = await bench.measured(60.0)
     assert first.in_force_um == (0.0, 0.0, 4.0)
     assert second.in_force_um == (0.0, 0.0, 9.0)
     assert first.measurement is not None
@@ -59,9 +55,7 @@ async def test_a_cycle_without_a_usable_result_says_why(answer: RequestStatus | 
     bench.control.answer = answer
     async with bench.running():
         await bench.clock.run_until(2.0)
-        cycle = asyncio.create_task(bench.link.measure(Why.INTERVAL))
-        await bench.clock.run_until(1000.0)
-        outcome = await cycle
+        outcome = await bench.measured(1000.0)
     assert outcome.measurement is None
     with pytest.raises(AssertionError, match=reason):
         raise AssertionError(outcome.reason)
@@ -76,9 +70,7 @@ async def test_a_chip_on_the_sphere_is_no_measurement() -> None:
         await bench.clock.run_until(2.0)
         for centres in (good, chip):
             bench.control.answer = RequestStatus(0, ProbingState.DONE, tuple(map(tuple, centres)))
-            cycle = asyncio.create_task(bench.link.measure(Why.INTERVAL))
-            await bench.clock.run_until(bench.clock.monotonic() + 5.0)
-            outcome = await cycle
+            outcome = await bench.measured(bench.clock.monotonic() + 5.0)
     assert outcome.measurement is None
     assert "is the sphere clean" in outcome.reason
 
@@ -141,9 +133,7 @@ async def test_a_result_that_the_prediction_does_not_know_must_be_found_twice() 
     async with bench.running():
         for _ in range(4):
             bench.link.follow(sure)
-            cycle = asyncio.create_task(bench.link.measure(Why.INTERVAL))
-            await bench.clock.run_until(bench.clock.monotonic() + 20.0)
-            outcomes.append(await cycle)
+            outcomes.append(await bench.measured(bench.clock.monotonic() + 20.0))
     assert [o.end for o in outcomes] == [End.MEASURED, End.REJECTED, End.MEASURED, End.REJECTED]
     assert "a second cycle must give the same result" in outcomes[1].reason
     assert "more than is possible" in outcomes[3].reason
@@ -153,9 +143,7 @@ async def test_a_result_that_the_prediction_does_not_know_must_be_found_twice() 
 async def test_a_write_under_way_ends_before_the_offsets_stand_still() -> None:
     bench = LinkBench("compensate")
     bench.control.answer = RequestStatus(41, ProbingState.DONE, ((0.0, 0.0, 0.0),) * 6)
-    async with bench.running():
-        bench.link.follow(decision(20.0))
-        await bench.clock.run_until(5.0)
+    async with bench.following(20.0, until_s=5.0):
         bench.control.slow = asyncio.Event()
         await bench.clock.run_until(6.0)
         assert bench.control.in_write
@@ -181,9 +169,7 @@ async def test_stopping_withdraws_the_request_that_nobody_waits_for() -> None:
 
 async def test_stopping_withdraws_a_request_before_the_offsets_move() -> None:
     bench = LinkBench("compensate")
-    async with bench.running():
-        bench.link.follow(decision(4.0))
-        await bench.clock.run_until(10.0)
+    async with bench.following(4.0, until_s=10.0):
         await bench.abandon_measurement(12.0)
     written, withdraw = len(bench.control.writes), bench.control.withdraw_probing
     before_it: list[int] = []
@@ -193,9 +179,7 @@ async def test_stopping_withdraws_a_request_before_the_offsets_move() -> None:
         await withdraw(number)
 
     bench.control.withdraw_probing = withdrawn  # type: ignore[method-assign]
-    stopping = asyncio.create_task(bench.link.stop())
-    await bench.clock.run_until(30.0)
-    await stopping
+    await bench.stopped(30.0)
     assert before_it == [0]
     assert len(bench.control.writes) - written == 4, "the ramp to zero"
 
@@ -217,9 +201,7 @@ async def test_a_request_that_the_control_does_not_take_is_refused_and_not_withd
     bench.control.busy = True
     async with bench.running():
         await bench.clock.run_until(3.0)
-        cycle = asyncio.create_task(bench.link.measure(Why.INTERVAL))
-        await bench.clock.run_until(6.0)
-        outcome = await cycle
+        outcome = await bench.measured(6.0)
     assert outcome.end is End.REFUSED
     assert "did not take the request: device nc: another cycle is under way" in outcome.reason
     await bench.link.stop()
@@ -228,9 +210,7 @@ async def test_a_request_that_the_control_does_not_take_is_refused_and_not_withd
 
 async def test_offsets_that_moved_while_the_control_probed_make_no_measurement() -> None:
     bench = LinkBench("compensate")
-    async with bench.running():
-        bench.link.follow(decision(20.0))
-        await bench.clock.run_until(30.0)
+    async with bench.following(20.0, until_s=30.0):
         cycle = asyncio.create_task(bench.link.measure(Why.INTERVAL))
         await bench.clock.run_until(32.0)
         bench.control.watching, bench.control.in_force = False, (0.0, 0.0, 8.0)  # ramped while this process hung
@@ -239,9 +219,7 @@ async def test_offsets_that_moved_while_the_control_probed_make_no_measurement()
         bench.control.answer = RequestStatus(41, ProbingState.DONE, ((0.0, 0.0, 0.012),) * 6)
         await bench.clock.run_until(45.0)
         moved = await cycle
-        again = asyncio.create_task(bench.link.measure(Why.RETRY))
-        await bench.clock.run_until(60.0)
-        reference = await again
+        reference = await bench.measured(60.0, Why.RETRY)
     assert (moved.measurement, moved.end) == (None, End.REJECTED)
     assert "the offsets moved while the control probed: 0.00 0.00 20.00 µm were in force" in moved.reason
     assert reference.measurement is not None, "what was rejected is no reference either"
@@ -252,16 +230,12 @@ async def test_disarmed_nothing_is_measured_while_the_watchdog_takes_the_offsets
     bench = LinkBench("compensate", when_stale=when_stale)
     bench.control.answer = RequestStatus(41, ProbingState.DONE, ((0.0, 0.0, 0.0),) * 6)
     ends, asked = [], []
-    async with bench.running():
-        bench.link.follow(decision(4.0))
-        await bench.clock.run_until(10.0)
+    async with bench.following(4.0, until_s=10.0):
         for in_force in ((0.0, 30.0, 4.0), (0.0, 0.0, 0.0)):
             bench.control.in_force = in_force  # first by somebody else's hand, then the watchdog has done its work
             await bench.clock.run_until(bench.clock.monotonic() + 5.0)
             assert not bench.link.armed
-            cycle = asyncio.create_task(bench.link.measure(Why.INTERVAL))
-            await bench.clock.run_until(bench.clock.monotonic() + 15.0)
-            outcome = await cycle
+            outcome = await bench.measured(bench.clock.monotonic() + 15.0)
             ends.append(outcome.end)
             asked.append(len(bench.control.requests))
             assert outcome.end is End.MEASURED or "its offsets are still ramping to zero" in outcome.reason
@@ -329,8 +303,6 @@ async def test_without_a_prediction_a_measurement_of_the_last_hour_stands_in_and
     async with bench.running():
         for at in (2.0, 3500.0, 3700.0):
             await bench.clock.run_until(at)
-            cycle = asyncio.create_task(bench.link.measure(Why.INTERVAL))
-            await bench.clock.run_until(at + 20.0)
-            outcomes.append(await cycle)
+            outcomes.append(await bench.measured(at + 20.0))
     assert [o.end for o in outcomes] == [End.MEASURED, End.REJECTED, End.MEASURED]
     assert "more than is possible" in outcomes[1].reason
