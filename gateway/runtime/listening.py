@@ -1,6 +1,7 @@
 """A listening socket that strangers cannot fill: whom nobody knows yet has few places, for a short time."""
 
 import asyncio
+import gc
 import socket
 import time
 from asyncio.sslproto import SSLProtocol
@@ -21,6 +22,8 @@ _WAITING = 128
 
 _PAUSE_S = 0.002
 """Before one that takes another's place: those that are there get on meanwhile, and a flood takes no processor."""
+_ENDED_BETWEEN = 64
+"""Strangers that are ended between two garbage collections."""
 ACCEPTED_AT_ONCE = 1
 """What to give asyncio as `backlog`: so many are accepted before the others are looked at."""
 
@@ -60,6 +63,7 @@ class GuardedSocket(socket.socket):
         """The one that came first is the first."""
         self._known: dict[Peer, socket.socket] = {}
         self._all = WeakSet[socket.socket]()
+        self._ended = 0
         try:
             self.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             self.bind(address)
@@ -130,7 +134,14 @@ class GuardedSocket(socket.socket):
             self._end(peer)
 
     def _end(self, peer: Peer) -> None:
-        """The server finds that the other side has left, and closes the connection itself."""
+        """The server finds that the other side has left, and closes the connection itself.
+
+        What is left of one by TLS are a few objects in a circle, which hold 20 kB of a library's: Python alone would
+        wait for thousands of them. Call `freeze_gc` before, so that to collect them takes no time.
+        """
+        self._ended += 1
+        if self._ended % _ENDED_BETWEEN == 0:
+            gc.collect()
         connection, timer = self._strangers.pop(peer)
         timer.cancel()
         with suppress(OSError):

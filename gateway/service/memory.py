@@ -1,8 +1,7 @@
-"""Memory and descriptors of the process: large blocks go back to the computer, garbage collections spare what lasts,
-and what strangers may hold leaves enough for the devices."""
+"""Memory and descriptors of the process: large blocks go back to the computer, and strangers leave enough for the
+devices."""
 
 import ctypes
-import gc
 import resource
 
 _M_MMAP_THRESHOLD = -3
@@ -23,16 +22,6 @@ def give_back_large_blocks() -> None:
     """
     if (mallopt := getattr(ctypes.CDLL(None), "mallopt", None)) is not None:
         mallopt(_M_MMAP_THRESHOLD, _BLOCK_BYTES)
-
-
-def freeze_gc() -> None:
-    """Exempt what exists now from garbage collections: modules and settings, nearly all of which last as long as the
-    process.
-
-    With 500 channels, a full collection stopped the event loop for 30 ms, and a period of every bus was late.
-    """
-    gc.collect()
-    gc.freeze()
 
 
 def raise_descriptors() -> None:

@@ -16,10 +16,11 @@ from gateway.config.packed import packed_toml
 from gateway.model.codes import NoticeCode
 from gateway.model.text import Text, text_of
 from gateway.runtime.clocks import RealClock
+from gateway.runtime.garbage import freeze_gc
 from gateway.runtime.signals import stop_on_signals
 from gateway.runtime.workers.control_group import UndividedError, divide
 from gateway.service.alive import WatchedClock, feed
-from gateway.service.memory import freeze_gc, give_back_large_blocks, raise_descriptors
+from gateway.service.memory import give_back_large_blocks, raise_descriptors
 from gateway.service.opening import opening
 from gateway.service.reloading import Reloading
 from gateway.service.service import Service

@@ -13,7 +13,7 @@ from gateway.acquisition.build import lines_of
 from gateway.config.file import load
 from gateway.nc.build import control_of
 from gateway.runtime.clocks import RealClock
-from gateway.service.memory import freeze_gc
+from gateway.runtime.garbage import freeze_gc
 from gateway.service.run import run_service
 from tests.benches.broken import broken_by_environment
 

@@ -26,7 +26,7 @@ from pathlib import Path
 import click
 
 from gateway.control.replay.stored import replay
-from gateway.service.memory import freeze_gc
+from gateway.runtime.garbage import freeze_gc
 from gateway.storage.damage import damage_found
 from gateway.storage.history import History
 from simulators.nc import Activity, CycleSettings, DayPart, LoadCase, MeanLoads

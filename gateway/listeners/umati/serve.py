@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from gateway.listeners.umati.settings import ShownMachine, check_serving, load_serving
+from gateway.runtime.garbage import freeze_gc
 from gateway.runtime.signals import stop_on_signals
 from gateway.telemetry.subscriber.places import heard_at
 from gateway.telemetry.subscriber.site import SiteSeen, SiteSubscription
@@ -43,6 +44,7 @@ def serve_machines(
         stop = asyncio.Event()
         stop_on_signals(stop)
         async with MachineToolServer(site, machines, serving, host, port) as server:
+            freeze_gc()
             click.echo(server.url)
             await stop.wait()
 

@@ -13,6 +13,7 @@ from drivers.section import host_and_port
 from gateway.listeners.web.access import check_certificate, check_listening
 from gateway.listeners.web.app import build_app
 from gateway.listeners.web.settings import MachineUse, load_settings
+from gateway.runtime.garbage import freeze_gc
 from gateway.runtime.listening import ACCEPTED_AT_ONCE, GuardedSocket
 from gateway.telemetry.subscriber.places import heard_at
 from gateway.telemetry.subscriber.site import SiteSeen, SiteSubscription
@@ -68,6 +69,7 @@ def serve_pages(command: WebCommand) -> None:
             )
         )
         click.echo(f"{'http' if tls is None else 'https'}://{listening.address}/")
+        freeze_gc()
         server.run([listening])
 
 
