@@ -114,30 +114,57 @@ async def test_a_wrong_query_is_answered_with_what_is_wrong(parameters: str, sai
     assert len(errors) == 1
 
 
-async def test_a_course_is_what_was_asked_for_and_a_wrong_query_says_what_is_wrong() -> None:
-    port, asked = free_port(), list[CourseRequest]()
-    page = CoursePage([1.5], {"EX0C": PublishedCourse([0.5], [None])}, [], {})
+BEGIN, END = datetime(2026, 3, 2, tzinfo=UTC), datetime(2026, 3, 2, 23, tzinfo=UTC)
+ASKED: dict[str, tuple[CoursePage | ReportPage, dict[str, CourseRequest | ReportRequest], dict[str, str]]] = {
+    "course": (
+        CoursePage([1.5], {"EX0C": PublishedCourse([0.5], [None])}, [], {}),
+        {
+            f"{DAY};limit=50": CourseRequest(BEGIN, END, 50),
+            f"{DAY};temperatures=yes": CourseRequest(BEGIN, END, 500, temperatures=True),
+        },
+        {
+            f"{DAY};limit=2001": "expected 1 to 2000",
+            f"{DAY};channels=a": "expected one of from, to, limit, temperatures",
+            f"{DAY};temperatures=1": "temperatures = '1': expected yes or no",
+        },
+    ),
+    "report": (
+        ReportPage("2026-03-02", "Europe/Zurich", b"\x1f\x8b\x00\xff"),
+        {
+            "day=2026-03-02;zone=Europe/Zurich": ReportRequest(date(2026, 3, 2), "Europe/Zurich"),
+            "day=2026-03-02": ReportRequest(date(2026, 3, 2), ""),
+        },
+        {
+            "": "day = '': expected a day such as 2026-03-02",
+            "day=2026-02-30": "day = '2026-02-30': expected a day",
+            "day=1999-12-31": "expected one between 2000 and 2199",
+            "day=2026-03-02;zone=" + "a" * 65: "zone: expected at most 64 letters",
+            "from=2026-03-02": "from: unknown; expected one of day, zone",
+        },
+    ),
+}
+"""The page, right queries with what the source is asked for, and wrong queries with what is said."""
 
-    def find(request: CourseRequest) -> CoursePage:
+
+@pytest.mark.parametrize("kind", ASKED)
+async def test_the_page_of_a_source_is_what_was_asked_for_and_a_wrong_query_says_what_is_wrong(kind: str) -> None:
+    port, asked, (page, right, wrong) = free_port(), list[object](), ASKED[kind]
+
+    def find(request: object) -> CoursePage | ReportPage:
         asked.append(request)
         return page
 
-    async with telemetry(port, course=find):
-        found, errors = ask(port, f"{ROOT}/course?{DAY};limit=50")
-        assert errors == []
-        assert [decode_answer(CoursePage, reply.payload.to_bytes()) for reply in found] == [page]
-        ask(port, f"{ROOT}/course?{DAY};temperatures=yes")
-        for wrong, said in (
-            ("limit=2001", "expected 1 to 2000"),
-            ("channels=a", "expected one of from, to, limit, temperatures"),
-            ("temperatures=1", "temperatures = '1': expected yes or no"),
-        ):
-            found, (error,) = ask(port, f"{ROOT}/course?{DAY};{wrong}")
+    async with telemetry(port, **{kind: find}):
+        for query in right:
+            found, errors = ask(port, f"{ROOT}/{kind}?{query}")
+            assert errors == []
+            assert [decode_answer(type(page), reply.payload.to_bytes()) for reply in found] == [page]
+        for query, said in wrong.items():
+            found, (error,) = ask(port, f"{ROOT}/{kind}?{query}")
             assert found == []
-            assert error.startswith("course: ")
+            assert error.startswith(f"{kind}: ")
             assert said in error
-    begin, end = datetime(2026, 3, 2, tzinfo=UTC), datetime(2026, 3, 2, 23, tzinfo=UTC)
-    assert asked == [CourseRequest(begin, end, 50), CourseRequest(begin, end, 500, temperatures=True)]
+    assert asked == list(right.values())
 
 
 async def test_an_unexpected_error_is_logged_with_the_query_and_what_to_do(caplog: pytest.LogCaptureFixture) -> None:
@@ -150,13 +177,6 @@ async def test_an_unexpected_error_is_logged_with_the_query_and_what_to_do(caplo
     assert errors == ["history: unexpected KeyError; please report it with the traceback in the gateway's log"]
     said = f"unexpected error while answering {ROOT}/history?{DAY};channels=a; please report this"
     assert [record.getMessage() for record in caplog.records if record.exc_info] == [said]
-
-
-async def test_a_gateway_without_a_store_says_so() -> None:
-    port = free_port()
-    async with telemetry(port):
-        answers, refusals = ask(port, f"{ROOT}/history?{DAY}")
-        assert (answers, len(refusals)) == ([], 1)
 
 
 async def test_more_queries_than_can_wait_are_refused_at_once_and_the_others_answered() -> None:
@@ -271,30 +291,3 @@ async def test_a_query_for_all_keys_gets_last_values_and_neither_schemas_nor_his
         publisher.publish(EventReported(Event(EventKind.PROBLEM, "the last"), 7))
         assert list(last_values(port)) == [f"{ROOT}/event"]
         assert ask(port, f"{ROOT}/*")[1] == []
-
-
-async def test_a_report_is_that_of_the_day_and_a_wrong_query_says_what_is_wrong() -> None:
-    port, asked = free_port(), list[ReportRequest]()
-    page = ReportPage("2026-03-02", "Europe/Zurich", b"\x1f\x8b\x00\xff")
-
-    def find(request: ReportRequest) -> ReportPage:
-        asked.append(request)
-        return page
-
-    async with telemetry(port, report=find):
-        found, errors = ask(port, f"{ROOT}/report?day=2026-03-02;zone=Europe/Zurich")
-        assert errors == []
-        assert [decode_answer(ReportPage, reply.payload.to_bytes()) for reply in found] == [page]
-        ask(port, f"{ROOT}/report?day=2026-03-02")
-        for wrong, said in (
-            ("", "day = '': expected a day such as 2026-03-02"),
-            ("day=2026-02-30", "day = '2026-02-30': expected a day"),
-            ("day=1999-12-31", "expected one between 2000 and 2199"),
-            ("day=2026-03-02;zone=" + "a" * 65, "zone: expected at most 64 letters"),
-            ("from=2026-03-02", "from: unknown; expected one of day, zone"),
-        ):
-            found, (error,) = ask(port, f"{ROOT}/report?{wrong}")
-            assert found == []
-            assert error.startswith("report: ")
-            assert said in error
-    assert asked == [ReportRequest(date(2026, 3, 2), zone) for zone in ("Europe/Zurich", "")]

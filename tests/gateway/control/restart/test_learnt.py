@@ -202,21 +202,14 @@ def test_a_damaged_or_foreign_file_is_refused_by_field(source: GatewayConfig) ->
             parse_learnt(signed(json.loads(text) | {field: value}))
 
 
-def test_an_array_of_another_shape_is_named(source: GatewayConfig) -> None:
+def test_what_an_earlier_learner_knew_and_an_array_of_another_shape_are_refused(source: GatewayConfig) -> None:
     if source.talc.method == "models":
         return
     whole = json.loads(file_of(source).read_text(encoding="utf-8"))
+    with pytest.raises(ValueError, match="format = 3"):
+        parse_learnt(signed(whole | {"controller": whole["controller"] | {"format": 3}}))
     whole["arrays"]["mixture.x"] = whole["arrays"]["mixture.relevance"]
     with pytest.raises(ValueError, match=r"arrays\.mixture\.x"):
-        parse_learnt(signed(whole))
-
-
-def test_what_an_earlier_learner_knew_is_refused_with_the_remedy(source: GatewayConfig) -> None:
-    if source.talc.method == "models":
-        return
-    whole = json.loads(file_of(source).read_text(encoding="utf-8"))
-    whole["controller"]["format"] = 3
-    with pytest.raises(ValueError, match="format = 3"):
         parse_learnt(signed(whole))
 
 
