@@ -154,7 +154,8 @@ async def test_the_page_of_a_source_is_what_was_asked_for_and_a_wrong_query_says
         asked.append(request)
         return page
 
-    async with telemetry(port, **{kind: find}):
+    source: dict[str, Any] = {kind: find}
+    async with telemetry(port, **source):
         for query in right:
             found, errors = ask(port, f"{ROOT}/{kind}?{query}")
             assert errors == []
