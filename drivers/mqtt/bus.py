@@ -112,10 +112,13 @@ class MqttBus:
             await asyncio.to_thread(connection.close if connection.is_open else connection.drop)
 
     async def latest(self, device: str, topics: Collection[str]) -> dict[str, TopicMessage]:
-        """The latest messages of these topics. After connecting it waits `timeout_s` for those that have had none.
+        """The latest messages of these topics. After connecting it waits `timeout_s` for those that have had none. A
+        connection that was lost since it was used is opened again.
 
-        Raises ConnectError when the connection is lost.
+        Raises ConnectError when the connection is lost meanwhile, or what `connect` raises.
         """
+        if self._connection is not None:
+            await self.connect()
         await self._ask_refused_again()
         wanted = set(topics) - set(self._refused)
         await self._wait(lambda: self._latest.keys() >= wanted, self._opened_s + self.timeout_s, device)

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.benches.strangers import can_trial, me_trial, opcua_trial
+from tests.benches.strangers import can_trial, me_trial, mqtt_trial, opcua_trial
 from tests.benches.strangers.modbus_nature import Nature
 from tests.benches.strangers.modbus_trial import Trial, tried
 
@@ -67,6 +67,13 @@ def test_one_that_keeps_an_answer_for_longer_than_any_is_late(behind: int) -> No
 def test_opc_ua_servers(seed: int) -> None:
     """The first ones, and some that are slow, lose requests or hang up; `--of opcua` tries more of them."""
     trial = opcua_trial.tried(seed)
+    assert not list(trial.problems()), trial.nature
+
+
+@pytest.mark.parametrize("seed", [*range(8), 84, 105])
+def test_mqtt_brokers(seed: int) -> None:
+    """The first ones, and two whose messages overtake each other; `--of mqtt` tries more of them."""
+    trial = mqtt_trial.tried(seed)
     assert not list(trial.problems()), trial.nature
 
 

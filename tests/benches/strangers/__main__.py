@@ -1,6 +1,7 @@
 """Tries devices of many seeds: `python -m tests.benches.strangers --seeds 200000`; one: `--seed 17 --show`.
 
-Modbus devices, Micro-Epsilon controllers (`--of me`), CANopen nodes (`--of can`) or OPC UA servers (`--of opcua`).
+Modbus devices, Micro-Epsilon controllers (`--of me`), CANopen nodes (`--of can`), OPC UA servers (`--of opcua`) or MQTT
+brokers (`--of mqtt`).
 """
 
 import logging
@@ -10,9 +11,9 @@ from pprint import pprint
 
 import click
 
-from tests.benches.strangers import can_trial, me_trial, modbus_trial, opcua_trial
+from tests.benches.strangers import can_trial, me_trial, modbus_trial, mqtt_trial, opcua_trial
 
-_TRIALS = {"modbus": modbus_trial, "me": me_trial, "can": can_trial, "opcua": opcua_trial}
+_TRIALS = {"modbus": modbus_trial, "me": me_trial, "can": can_trial, "opcua": opcua_trial, "mqtt": mqtt_trial}
 
 
 @click.command()

@@ -149,7 +149,7 @@ async def test_a_broker_that_goes_ends_the_read_and_the_next_connect_finds_it_ag
         await bus.connect()
         await until(driver, Quality.GOOD)
         broker.stop()
-        with pytest.raises(ConnectError, match=r"bus broker, device plant: mqtt://127.0.0.1:\d+: the connection was"):
+        with pytest.raises(ConnectError, match=r"cannot open mqtt://.*is the broker running|the connection was"):
             await until(driver, Quality.STALE)
         with pytest.raises(ConnectError, match=r"bus broker: cannot open mqtt://.*is the broker running"):
             await bus.connect()
