@@ -413,6 +413,8 @@ class ShownEvent:
     mark: str
     ended: str | None = None
     """When the problem ended."""
+    lasts: bool = False
+    """A problem that has not ended."""
     do: Sentence | None = None
     """What to do about a problem that lasts, unless `said` tells it."""
 
@@ -432,7 +434,7 @@ def events(seen: MachineSeen) -> list[ShownEvent]:
             end = ends.pop(subject, None)
             lasts = end is None and subject not in changed
             shown = _shown_event(event, None if end is None else end.time)
-            (lasting if lasts else others).append(replace(shown, do=_remedy(event)) if lasts else shown)
+            (lasting if lasts else others).append(replace(shown, lasts=True, do=_remedy(event)) if lasts else shown)
         else:
             others.append(_shown_event(event))
         changed.add(subject)

@@ -83,10 +83,11 @@ const columns = () => {
   return uPlot.join([[[...none.map(() => from), ...old.t, ...t], ...[...banded(line, wide), ...banded(rest, wide)].map((column) => [...none, ...column])],
     [[...old.measured_t, ...measured_t], [...old.measured[i], ...measured[i]]], [forecast ? course.ahead_t : [], ...later], [old.measured_t, old.measured_left[i]], ...heard]);
 };
-// The value of a series nearest to one of the joined times.
+// The value of a series nearest to one of the joined times, and not farther from it than this share of what is shown.
+const NEAR = 0.03;
 const near = (u, s, j) => {
-  const values = u.data[s];
-  for (let by = 0; by < 40; by++) for (const k of [j - by, j + by]) if (values[k] !== null && values[k] !== undefined) return values[k];
+  const [t] = u.data, values = u.data[s], far = NEAR * (u.scales.x.max - u.scales.x.min);
+  for (let by = 0; by < 40; by++) for (const k of [j - by, j + by]) if (values[k] !== null && values[k] !== undefined && Math.abs(t[k] - t[j]) <= far) return values[k];
   return null;
 };
 

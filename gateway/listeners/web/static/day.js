@@ -4,7 +4,7 @@ import { $, changed, drawn, make, put } from "./elements.js";
 import { fetchPast } from "./past.js";
 import { AXES } from "./screens.js";
 import { amount, time, word } from "./words.js";
-import { axisRow, errorsThen, giveInks, inkOf, REST } from "./why.js";
+import { allInks, axisRow, errorsThen, giveInks, inkOf, REST } from "./why.js";
 
 const SPAN_S = 86400, LONGEST_S = 2 * 3600, MOST_ASKED = 4, PATIENCE_MS = 60e3, AGAIN_MS = 600e3, SOONEST_S = 1;
 // Reasons by grid index: { t, lines }
@@ -43,7 +43,7 @@ const parts = (shown) => {
     }
   }));
   const most = (moved) => Math.max(...moved.map(swing));
-  giveInks([...found].sort((a, b) => most(b[1]) - most(a[1])).map(([key]) => key));
+  giveInks("day", [...found].map(([key, moved]) => [key, most(moved)]));
   const own = [...found].filter(([key]) => inkOf(key)).sort((a, b) => most(b[1]) - most(a[1])), others = [...found].filter(([key]) => !inkOf(key));
   const sum = others.reduce((all, [, moved]) => all.map((axis, i) => axis.map((n, j) => n + moved[i][j])), AXES.map(() => shown.map(() => 0)));
   return [...own.map(([name, moved]) => ({ name, moved, ink: inkOf(name) })), ...(others.length ? [{ name: word("moves.else"), moved: sum, ink: "rest" }] : [])];
@@ -68,7 +68,7 @@ const draw = (shown, list, i, [low, high]) => {
 const show = () => {
   if (!open || !view || !view.gateway_time) return;
   // Drawn again for new reasons, another point or the next minute, not for each message.
-  if (!changed("day", [Math.floor(now() / 60), known.size, Math.max(...known.keys()), view.reach, past?.t.length, course?.t.at(-1)])) return;
+  if (!changed("day", [Math.floor(now() / 60), known.size, Math.max(...known.keys()), view.reach, past?.t.length, course?.t.at(-1), allInks()])) return;
   const shown = steps();
   $("day-empty").hidden = shown.length > 0;
   $("day-shown").hidden = !shown.length;

@@ -7,7 +7,8 @@ import { $, changed, draw, make, paint, put, rows, say } from "./elements.js";
 import { showModel } from "./model.js";
 import { hear } from "./past.js";
 import { showSensors } from "./sensors.js";
-import { day, exact, sentence, setToday, time, whole, word } from "./words.js";
+import { day, exact, recent, sentence, setToday, whole, word } from "./words.js";
+import { openProblems } from "./tables.js";
 import { showWhen } from "./when.js";
 import { mostMoved, showWhy } from "./why.js";
 
@@ -40,7 +41,7 @@ export const readyDay = (latest) => $("report-day").addEventListener("change", (
 });
 
 // A reason of more letters than this is written smaller.
-const LONG = 85, LONG_WORD = 12;
+const LONG = 85, LONG_WORD = 12, LONG_SINCE = 18;
 // Of what it waits for, what somebody does or waits for next.
 const NEXT = ["label.first", "label.waits_for", "label.operator", "label.next"];
 // What it costs to wait for the next measurement.
@@ -59,12 +60,13 @@ const list = (rows) => {
   return found;
 };
 export const showWord = ({ colour, word: key, since, before }) => {
-  const when = since ? word(before ? "since.before" : "since.at").replace("{at}", time(since)) : "";
+  const when = since ? word(before ? "since.before" : "since.at").replace("{at}", recent(since)) : "";
   paint($("ready"), colour);
   put($("word"), word(key));
   paint($("badge"), colour);
   put($("badge").firstChild, when ? `${word(key)} · ${when}` : word(key));
   put($("since"), when);
+  $("since").classList.toggle("long", when.length > LONG_SINCE);
   $("ready").dataset.word = key;
   $("word").classList.toggle("long", word(key).length > LONG_WORD);
   document.title = `${word(key)} · ${machine}`;
@@ -84,7 +86,9 @@ export const showMachine = (v) => {
     $("because").replaceChildren(...say(verdict.because.filter((each) => !each.say.startsWith("do."))));
     $("because").classList.toggle("long", $("because").textContent.length > LONG);
   }
-  put($("failed"), verdict.failed ? sentence(verdict.failed) : "");
+  const open = openProblems(), wrong = verdict.failed || open;
+  $("failed").classList.toggle("none", !wrong);
+  put($("failed"), verdict.failed ? sentence(verdict.failed) : !v.alive ? "" : open ? word("events.open").replace("{n}", open) : word("events.no_open"));
   showWhy(v);
   const most = v.alive ? mostMoved(v.tolerance_um) : null;
   const next = v.alive ? v.waits.filter((row) => NEXT.includes(row.label)) : [];

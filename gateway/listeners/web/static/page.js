@@ -115,7 +115,7 @@ const listen = stream(address, {
   tick: takeClock,
   list: (list) => { showAll(); showList(list); },
   view: showView,
-  events: (list) => { takeEvents(list); showMarks(list); },
+  events: (list) => { takeEvents(list); showMarks(list); showAgain(); },
   corrections: (list) => { takeCorrections(list); takeDay(list); },
   course: (c) => {
     course = c;

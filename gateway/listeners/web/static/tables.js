@@ -29,8 +29,11 @@ const showEvents = () => {
   keepOffPaper(lines, EVENTS_PRINTED, $("events-left"));
   $("events").tBodies[0].replaceChildren(...lines);
 };
+export const openProblems = () => events.filter((e) => e.lasts).length;
 export const takeEvents = (list) => {
   events = list;
+  put($("open-count"), amount({ n: openProblems(), d: 0 }));
+  $("open-count").hidden = !openProblems();
   const chooser = $("event-kind"), there = new Set([...chooser.options].map((o) => o.value));
   for (const kind of new Set(list.map((e) => e.kind))) if (!there.has(kind)) {
     const option = make("option", word(kind));

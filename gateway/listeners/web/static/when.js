@@ -82,7 +82,7 @@ const ask = async () => {
   show();
 };
 // A desktop and a phone have it on the first screen; a panel beside what moves the errors.
-const settle = () => (WIDE.matches || NARROW.matches ? $("now") : document.querySelector("#why .column")).append($("when"));
+const settle = () => (WIDE.matches || NARROW.matches ? $("now") : $("why-right")).append($("when"));
 export const readyWhen = () => {
   $("warm-ask").addEventListener("click", ask);
   for (const each of ["warm-load", "warm-minutes"]) $(each).addEventListener("change", () => { asked = null; $("warm-said").replaceChildren(); show(); });

@@ -21,9 +21,19 @@ const OWN = [REST, LEVEL, SINCE], KINDS = { [REST]: "rest", [LEVEL]: "level", [S
 const ranked = (parts) => [...parts].sort((a, b) => OWN.includes(a.key) - OWN.includes(b.key) || Math.abs(b.n) - Math.abs(a.n));
 // Each part has one colour, wherever it is drawn; those that moved most come first, and what is left over has none.
 export const INKS = ["c1", "c2", "c3", "c4", "c6"];
-const inks = new Map();
+const inks = new Map(), sizes = {};
 export const inkOf = (key) => inks.get(key);
-export const giveInks = (keys) => { for (const key of keys) if (inks.size < INKS.length && !inks.has(key) && !OWN.includes(key)) inks.set(key, INKS[inks.size]); };
+// found: parts and how much they move, now or over the day. Whoever has a colour and still counts keeps it.
+export const giveInks = (of, found) => {
+  sizes[of] = new Map();
+  for (const [key, n] of found) if (!OWN.includes(key)) sizes[of].set(key, Math.max(sizes[of].get(key) ?? 0, Math.abs(n)));
+  const all = Object.values(sizes), size = (key) => Math.max(...all.map((each) => each.get(key) ?? 0));
+  const before = String([...inks]), first = [...new Set(all.flatMap((each) => [...each.keys()]))].sort((a, b) => size(b) - size(a)).slice(0, INKS.length);
+  for (const key of inks.keys()) if (!first.includes(key)) inks.delete(key);
+  for (const key of first) if (!inks.has(key)) inks.set(key, INKS.find((ink) => ![...inks.values()].includes(ink)));
+  if (of !== "now" && String([...inks]) !== before) queueMicrotask(show);
+};
+export const allInks = () => [...inks];
 // rows: [{ name, note, unit, total, parts: [{ key, n, part }], said }]; all on one scale for each unit. said: instead of parts
 const stacks = (rows) => {
   const ends = {};
@@ -89,6 +99,11 @@ export const axisRow = (errors, i) => {
   }
   return { name: AXES[i], unit: "µm", total: tenths(total), key: AXES[i], parts: even([...found.values()], total) };
 };
+// Parts that have no colour of their own are among the other inputs.
+const folded = (row) => {
+  const own = row.parts.filter((p) => p.key !== REST && (OWN.includes(p.key) || inkOf(p.key))), rest = tenths(row.total - own.reduce((sum, p) => sum + p.n, 0));
+  return { ...row, parts: rest ? [...own, { key: REST, n: rest }] : own };
+};
 const worstOf = (rows) => rows.reduce((a, b) => (Math.abs(b.total) > Math.abs(a.total) ? b : a));
 // Since when the error of one axis without compensation has been beyond the tolerance.
 let course = null;
@@ -112,9 +127,10 @@ const fitLabels = () => { for (const label of document.querySelectorAll(".stack 
 const show = () => {
   if (!latest) return;
   const errors = moment === null ? errorsNow(latest) : then ?? [];
-  if (!changed("why", [moment, errors, latest.reach, axis, latest.alive, time(latest.gateway_time)])) return;
-  const ofTool = (each) => each.length ? AXES.map((_, i) => axisRow(each, i)) : [], rows = ofTool(errors), now = latest.alive ? ofTool(errorsNow(latest)) : [], none = () => [make("p", word("heat.no_reasons"), "empty")];
-  giveInks(ranked([...now, ...rows].flatMap((row) => row.parts)).map((p) => p.key));
+  const ofTool = (each) => each.length ? AXES.map((_, i) => axisRow(each, i)) : [], wholes = [latest.alive ? errorsNow(latest) : [], errors].map(ofTool), none = () => [make("p", word("heat.no_reasons"), "empty")];
+  giveInks("now", wholes.flat().flatMap((row) => row.parts.map((p) => [p.key, p.n])));
+  if (!changed("why", [moment, errors, latest.reach, axis, latest.alive, time(latest.gateway_time), allInks()])) return;
+  const [now, rows] = wholes.map((each) => each.map(folded));
   $("why-axes").replaceChildren(...(rows.length ? stacks(rows) : none()));
   $("now-why").replaceChildren(...(now.length ? stacks(now) : [make("p", word("tool.nothing"), "empty")]));
   if (now.length) $("now-why").children[now.indexOf(worstOf(now))].classList.add("worst");

@@ -17,15 +17,19 @@ export const exact = new Intl.DateTimeFormat(undefined, { hour: "2-digit", minut
 let ahead = 0;
 export const present = () => new Date(Date.now() + ahead);
 // The day of a simulated machine, whose clock is not this one; null: of any other.
-let today = null;
-export const setToday = (at) => { today = at; };
+let simulated = null;
+export const setToday = (at) => { simulated = at; };
+export const today = () => simulated ?? present();
 // Returns by how many milliseconds the server is ahead.
 export const setPresent = (ms) => (ahead = ms - Date.now());
 export const time = (iso) => {
   const at = new Date(iso);
   if (Number.isNaN(at.getTime())) return "–";
-  return (twice(at) ? named : at.toDateString() === (today ?? present()).toDateString() ? clock : day).format(at);
+  return (twice(at) ? named : at.toDateString() === today().toDateString() ? clock : day).format(at);
 };
+// The same, with the weekday alone of the last days.
+const weekday = new Intl.DateTimeFormat(undefined, { weekday: "short", hour: "2-digit", minute: "2-digit" });
+export const recent = (iso) => time(iso) === clock.format(new Date(iso)) || today() - new Date(iso) > 6 * 24 * HOUR_MS ? time(iso) : weekday.format(new Date(iso));
 // As it is typed in: without separated thousands.
 export const plain = (n) => new Intl.NumberFormat(undefined, { useGrouping: false, maximumFractionDigits: 3 }).format(n);
 const numbers = new Map();
