@@ -13,7 +13,8 @@ _TEXT = re.compile(r'"(?:[^"\\]|\\.)*+(?:"|\\?\Z)', re.DOTALL)
 """A last one may have no end: it is found once, and left as it is."""
 _MESSAGE = re.compile(r"\s*BO_\s+(?P<id>\d+)\s+(?P<name>\w+)\s*:\s*(?P<bytes>\d+)\b")
 _SIGNAL = re.compile(r"\s*SG_\s+(?P<name>\w+)\s*(?:m\d+M?|M)?\s*:\s*(?P<start>\d+)\|(?P<bits>\d+)@(?P<order>[01])[+-]")
-_OF_MESSAGE = re.compile(r"^\s*(?:SIG_VALTYPE_|SG_MUL_VAL_)\s+(\d+)\s+(\w+)[^;]*;", re.MULTILINE)
+_OF_MESSAGE = re.compile(r"^[ \t]*(?:SIG_VALTYPE_|SG_MUL_VAL_)\s+(\d+)\s+(\w+)", re.MULTILINE)
+"""The begin of a statement, which a semicolon ends."""
 _BOM = "\ufeff", "ï»¿"
 MOST_DBC_BYTES = 2**23
 """Of a file; those of whole vehicles have a third of that."""
@@ -89,9 +90,10 @@ class DbcFile:
                     lines += stated
                     kept.add((message.identifier, name))
             lines.append("")
-        for found in _OF_MESSAGE.finditer(self._text):
-            if (_number(found[1]), found[2]) in kept:
-                lines.append(_checked(found[0]))
+        *ended, _ = self._text.split(";")
+        for part in ended:
+            if (found := _OF_MESSAGE.search(part)) is not None and (_number(found[1]), found[2]) in kept:
+                lines.append(_checked(f"{part[found.start() :]};"))
         return "\n".join((*lines, ""))
 
 

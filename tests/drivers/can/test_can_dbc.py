@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 from drivers.base import ConnectError, Driver, NoAnswer, Quality, Reading, SetupError, SystemClock
 from drivers.build import make_device
+from drivers.can.dbc_file import DbcFile
 from drivers.can.dbc_profile import CanDbcProfile, DbcSignal
 from drivers.faults import Fault as Faulty
 from drivers.profiles import load_profile
@@ -301,6 +302,14 @@ OTHER = "BO_ 1000 Other: 2 L\n"
 )
 def test_what_no_channel_needs_in_the_dbc_file_does_not_matter(tmp_path: Path, more: str) -> None:
     assert described(tmp_path, DBC + more).decode(FRAME) == pytest.approx(-12.3)
+
+
+@pytest.mark.parametrize("more", ["\n", "SG_MUL_VAL_ 1 a 1-1 "])
+def test_what_a_file_repeats_is_looked_at_once(more: str) -> None:
+    """100,000 blank lines took 17 s, as each began a search through all that follow."""
+    file, began_s = DbcFile(logger_dbc() + 100_000 * more), time.process_time()
+    assert file.only(list(file.messages.values()))
+    assert time.process_time() - began_s < 5.0
 
 
 @pytest.mark.parametrize("mark", ["\ufeff", "ï»¿"], ids=["read as UTF-8", "read as cp1252"])
