@@ -87,6 +87,11 @@ class Rests:
         one.least_s = max(one.least_s, least_s)
 
     @property
+    def are_several(self) -> bool:
+        """Whether more than one unit is asked."""
+        return len(self._of) > 1
+
+    @property
     def mute_s(self) -> float:
         """For how long each connection so far ignored what came; 0: not known, or one did not."""
         return self._mute_s or 0.0
@@ -105,7 +110,7 @@ class Rests:
             return line_s - now_s
         until_s = max(line_s, one.busy_until_s, one.answered_s + one.least_s)
         is_tried = not one.answers and one.most == _TRIED
-        waits = first and is_tried and len(self._of) > 1 and self._steps_s[one.step] >= _SOON_S
+        waits = first and is_tried and self.are_several and self._steps_s[one.step] >= _SOON_S
         if one.step and one.answers < one.most and not waits:
             until_s = max(until_s, one.answered_s + self._steps_s[one.step])
         if self.sends_copies(unit, now_s):

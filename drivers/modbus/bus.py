@@ -44,6 +44,7 @@ _MOST_SENT = 2
 """How often a silent unit is sent one question before its late answer is waited for: more would slow it down."""
 _SHORTEST_S = 0.03
 """A request that must be answered sooner than this is not sent: its answer would disturb the next period."""
+_LONG_REST_S = 0.15
 DOES_NOT_FIT = Text("profile_fits")
 _LATE = Text("modbus_later")
 _MOST_BEHIND = 4
@@ -87,6 +88,8 @@ class ModbusBus(StreamBus, ABC):
         self._rests = Rests(settings.settle_s, settings.rest_ms / 1e3)
         self._requests = Requests(numbered=self.has_numbers)
         self._until_s, self._sent_s = inf, -inf
+        self._is_repeated = False
+        """Whether the question that is under way is."""
         self._longer_in_vain_s = -inf
         """When an answer was last waited for longer than the timeout, and did not come."""
         self._wanted = False
@@ -152,6 +155,7 @@ class ModbusBus(StreamBus, ABC):
         Raises NoAnswer, BadAnswer, Refused (exception code), Busy or ConnectError (wire lost).
         """
         async with self._lock:
+            self._is_repeated = again
             pdu = decode_pdu(await self._answer(device, unit, block, again), self._name, device)
         if isinstance(pdu, ExceptionResponse):
             raise refusal(self._name, device, unit, block, pdu.exception_code)
@@ -219,11 +223,13 @@ class ModbusBus(StreamBus, ABC):
         return await self._request(device, unit, block, block)
 
     async def _let_rest(self, device: str, unit: int) -> None:
-        """Wait for as long as the unit needs after its last answer; only so long as time is left to ask it then."""
+        """Wait for as long as the unit needs after its last answer; only so long as time is left to ask it then. For a
+        long rest the others are asked before it: it must not take the time of their next period."""
         rest_s = self._rests.left_s(unit, asyncio.get_running_loop().time(), first=isinf(self.left_s))
         if rest_s <= 0:
             return
-        if self.left_s - rest_s < _SHORTEST_S:
+        is_first = isinf(self.left_s) and not self._is_repeated
+        if self.left_s - rest_s < _SHORTEST_S or (is_first and rest_s >= _LONG_REST_S and self._rests.are_several):
             code = "modbus_unit_busy" if self._rests.is_busy(unit) else "modbus_unit_rests"
             what = Text(code, unit=unit)
             raise NotAsked(what, hurried=True, heard=True, bus=self._name, device=device)

@@ -35,7 +35,7 @@ def test_the_first_ones(begin: int) -> None:
     assert not problems
 
 
-@pytest.mark.parametrize("seed", [*KEPT, 301559, 302092, 302354, 304339, 305102, 310883, 314777])
+@pytest.mark.parametrize("seed", [*KEPT, 301559, 302092, 302354, 304339, 305102, 310883, 314777, 20462, 310461])
 def test_those_that_were_read_wrongly_once(seed: int) -> None:
     trial = tried(seed)
     assert not list(trial.problems()), trial.nature
