@@ -188,7 +188,7 @@ class Probing(Section):
     """How long before the end of the grid step the cycle is requested, so that the step contains its result. At
     most the grid step, once `armed`."""
     timeout_s: Positive = 900.0
-    """A cycle that has not ended after this time is withdrawn."""
+    """A cycle that has not begun within this time, or not ended within as long after it began, is withdrawn."""
     poll_s: Positive = 2.0
     """How often the NC's state is read while a cycle runs, or while a measurement waits for a better moment."""
     prefer_idle_s: NotNegative = 600.0

@@ -99,9 +99,9 @@ async def run_cycle(
     """Request cycle `number` and wait for its end. told: gets its state at each look.
 
     Raises NotBegun when it is refused or has not begun within `timeout_s` (the request is then withdrawn), Rejected
-    when it fails or has not ended by then, DriverError when the control cannot be reached.
+    when it fails or has not ended within as long after it began, DriverError when the control cannot be reached.
     """
-    deadline = clock.monotonic() + timeout_s
+    deadline, begun = clock.monotonic() + timeout_s, False
     with clock.hold():
         try:
             await to_its_end(nc.request_probing(number))
@@ -116,10 +116,11 @@ async def run_cycle(
         told(status.state)
         if ended(status):
             return status
+        if not begun and status.state in (ProbingState.ACCEPTED, ProbingState.RUNNING):
+            deadline, begun = clock.monotonic() + timeout_s, True  # how long it waited does not cut it short
         if clock.monotonic() > deadline:
             with clock.hold():
                 await to_its_end(nc.withdraw_probing(number))
-            begun = status.state in (ProbingState.ACCEPTED, ProbingState.RUNNING)
             if begun:
                 raise Rejected(Text(NoticeCode.CYCLE_NOT_ENDED, timeout_s=timeout_s))
             raise NotBegun(Text(NoticeCode.CYCLE_NOT_BEGUN, timeout_s=timeout_s))

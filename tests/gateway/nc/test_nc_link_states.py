@@ -5,9 +5,11 @@ import asyncio
 import numpy as np
 import pytest
 
+from drivers.nc import ProbingState, RequestStatus
 from gateway.model.codes import NoticeCode
 from gateway.model.compensation import Source
 from gateway.nc.states import RIGHTS, STATES, Condition, LinkState, Reply, Right, after
+from talc.frame import Why
 from tests.benches.nc_link_bench import LinkBench, decision
 
 
@@ -114,3 +116,18 @@ async def test_stopped_after_an_emergency_stop_it_takes_back_what_is_in_force_by
     await bench.stopped(60.0)
     assert [offsets[2] for _, offsets in bench.control.writes[before:]] == [1.0, 0.0]
     assert bench.notices == []
+
+
+async def test_a_cycle_that_begins_late_has_as_long_as_any_other() -> None:
+    """Withdrawn while it runs, it would stop the part program with M0."""
+    bench = LinkBench("monitor")
+    bench.control.answer = RequestStatus(0, ProbingState.REQUESTED)
+    async with bench.running():
+        cycle = asyncio.create_task(bench.link.measure(Why.CALIBRATION))
+        await bench.clock.run_until(800.0)
+        bench.control.answer = None  # it runs
+        await bench.clock.run_until(1100.0)
+        bench.control.answer = RequestStatus(0, ProbingState.DONE, ((0.0, 0.0, 0.0),) * 6)
+        await bench.clock.run_until(1200.0)
+        assert (await cycle).measurement is not None
+    assert bench.control.withdrawn == []

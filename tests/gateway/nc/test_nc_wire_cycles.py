@@ -1,6 +1,7 @@
 """Faults over the real protocol around a probing cycle, and the link's reaction to them."""
 
 import asyncio
+from dataclasses import replace
 from datetime import timedelta
 
 import numpy as np
@@ -14,7 +15,7 @@ from simulators.nc import ReasonCode
 from simulators.nc.nck import R_REQUEST, R_WITHDRAW
 from simulators.nc.variables import ALARMS_SHOWN
 from talc.frame import Why
-from tests.benches.nc_wire_bench import bench, wants
+from tests.benches.nc_wire_bench import CYCLE, bench, wants
 
 pytestmark = pytest.mark.simulated_time
 
@@ -128,16 +129,15 @@ async def test_a_result_that_comes_too_late_is_never_taken_for_the_next_one() ->
     async with bench() as at:
         await at.clock.run_until(2.0)
         at.control.nck.cycle.withdraw = lambda *_: None  # type: ignore[method-assign]  # the NC program does not look
-        program = at.control.nck.cycle.next_safe_point
-        at.control.nck.cycle.next_safe_point = lambda now_s: now_s + 250.0
-        late = await at.measured(320.0)
-        at.control.nck.cycle.next_safe_point = program
+        at.control.nck.cycle._settings = replace(CYCLE, duration_s=450.0)  # noqa: SLF001 - a feed override of 25 %
+        late = await at.measured(360.0)
         second = asyncio.create_task(at.link.measure(Why.INTERVAL))
-        await at.clock.run_until(380.0)  # now the first one is done
+        await at.clock.run_until(520.0)  # now the first one is done
         refused = await second
         assert at.control.nck.cycle.answer.number == late.number
         assert at.control.nck.cycle.answer.centres_mm
-        found = await at.measured(640.0)
+        at.control.nck.cycle._settings = CYCLE  # noqa: SLF001
+        found = await at.measured(780.0)
     assert late.measurement is None
     assert "did not end within 300 s" in late.reason
     assert found.measurement is not None
