@@ -6,7 +6,7 @@ from urllib.parse import parse_qs, urlsplit
 import pytest
 from playwright.sync_api import Page, Response, expect
 
-from tests.benches.page_rig import LIMIT_MS, PageRig
+from tests.benches.page_rig import LIMIT_MS, PageRig, open_screen
 from tests.benches.page_shifts import TWO_FRAMES
 
 pytestmark = [pytest.mark.peer, pytest.mark.slow]
@@ -101,3 +101,19 @@ def test_clicks_on_a_part_a_sensor_and_a_load_and_two_fingers_on_the_chart_do_wh
             for kind, apart in (("touchStart", 50.0), ("touchMove", 100.0), ("touchMove", 200.0), ("touchEnd", 0.0)):
                 touch(kind, apart)
         assert asked_s(finer.value) < 0.5 * asked_s(whole.value)
+
+
+def test_each_screen_says_since_when_and_the_wheel_turns_to_what_has_no_room(looked_at: PageRig) -> None:
+    with looked_at.page("/machine/mill", 1024, 600) as page:
+        page.fill("input[name=tolerance]", "3")  # what would help needs more than one page
+        page.keyboard.press("Enter")
+        expect(page.locator("#helps p").nth(5)).to_be_attached()
+        page.locator(".inside").hover()
+        page.mouse.wheel(0.0, 100.0)
+        page.wait_for_function("document.querySelector('.inside').scrollLeft > 0")
+        since = page.locator("#since").inner_text()
+        assert since
+        for screen in ("time", "why", "sensors", "log"):
+            open_screen(page, screen)
+            expect(page.locator("#badge a")).to_contain_text(since)
+            expect(page.locator("#badge a")).to_be_visible()
