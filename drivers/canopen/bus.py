@@ -64,6 +64,7 @@ class CanOpenBus:
         self._network: Any = None
         self._thread: ThreadPoolExecutor | None = None
         self._patience = Patience(settings.timeout_s)
+        self._until_s = math.inf
         self._doubtful: set[int] = set()
         self._never_values = cycle(_NEVER_VALUES)
         self._events: dict[int, NodeEvents] = {}
@@ -343,7 +344,7 @@ class CanOpenBus:
         data = b""
         longest_s = self._longest_s(node)
         is_slow = longest_s > self._settings.timeout_s
-        sdo.RESPONSE_TIMEOUT = longest_s if is_slow else self._patience.wait_s(node, wanted)
+        sdo.RESPONSE_TIMEOUT = longest_s if is_slow else min(longest_s, self._patience.wait_s(node, wanted))
         self._let_rest(node)
         self._fitting[node].expect(wanted)
         asked_s = monotonic()
@@ -383,11 +384,17 @@ class CanOpenBus:
         self._rests.answered(node, monotonic())
         return data
 
+    def limit(self, left_s: float) -> None:
+        self._until_s = monotonic() + left_s
+
     def _longest_s(self, node: int) -> float:
-        """How long an answer may take: longer than the timeout, if that is not enough and no other node waits."""
-        if len(self._fitting) > 1:
-            return self._settings.timeout_s
-        return self._patience.late_s(LONGER * self._fitting[node].late_s)
+        """How long an answer may take: longer than the timeout, if that is not enough and no other node waits; when all
+        have been asked, as long as is left."""
+        late_s = self._patience.late_s(LONGER * self._fitting[node].late_s)
+        left_s = self._until_s - monotonic()
+        if math.isfinite(left_s):
+            return max(0.0, min(late_s, left_s))
+        return late_s if len(self._fitting) == 1 else self._settings.timeout_s
 
     def _communication(
         self, device: str, node: int, wanted: CanObject, error: Exception, waited_s: float

@@ -48,7 +48,7 @@ def test_micro_epsilon_controllers(seed: int) -> None:
     assert not list(trial.problems()), trial.nature
 
 
-@pytest.mark.parametrize("seed", [*range(5), 17, 53, 99, 118])
+@pytest.mark.parametrize("seed", [*range(5), 17, 53, 99, 118, 165, 309])
 def test_canopen_nodes(seed: int) -> None:
     """The first ones, and some that need a rest or lose requests; `--of can` tries more of them."""
     trial = can_trial.tried(seed)
