@@ -22,6 +22,10 @@ _MOST_BITS = 64
 _MOST_MESSAGE_BYTES = 1785
 """Of several frames of SAE J1939."""
 _MOST_PAGES = 2**16
+_LONGEST_LINE = 2**14
+"""Of a signal, with its unit and receivers."""
+_SENDER = "Vector__XXX"
+"""Nobody in particular: who sends a message does not matter."""
 _RANGE = re.compile(r"(\d+)\s*-\s*(\d+)")
 _LARGEST = 2**32
 
@@ -53,7 +57,7 @@ class DbcMessage:
         return all(self._fits(line) for line in self.signals[name])
 
     def _fits(self, line: str) -> bool:
-        found = _SIGNAL.match(line)
+        found = _SIGNAL.match(line) if len(line) <= _LONGEST_LINE else None
         if found is None or not 0 < _number(found["bits"]) <= min(_MOST_BITS, 8 * self.bytes):
             return False
         if self.bytes > _MOST_MESSAGE_BYTES:
@@ -121,7 +125,7 @@ def _messages(text: str) -> Iterator[DbcMessage]:
         if (begun := _MESSAGE.match(line)) is not None:
             if message is not None:
                 yield message
-            message = DbcMessage(_number(begun["id"]), begun["name"], _number(begun["bytes"]), line)
+            message = DbcMessage(_number(begun["id"]), begun["name"], _number(begun["bytes"]), f"{begun[0]} {_SENDER}")
         elif message is not None and (signal := _SIGNAL.match(line)) is not None:
             message.signals.setdefault(signal["name"], []).append(line)
     if message is not None:

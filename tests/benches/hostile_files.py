@@ -21,6 +21,7 @@ from typing import NamedTuple
 import click
 import numpy as np
 import pyarrow as pa
+import pyarrow.dataset
 from pyarrow import parquet
 
 from drivers.base import SetupError
