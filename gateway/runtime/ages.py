@@ -11,6 +11,9 @@ from collections.abc import Sequence
 from gateway.model.step_time import StepTime
 from gateway.runtime.clocks import ServiceClock
 
+_SET_S = 1.0
+"""Between two looks quartz and a slewed clock move less against the monotonic clock; somebody who sets it, more."""
+
 
 class Ages:
     """Times of earlier grid indices on this run's monotonic clock.
@@ -27,11 +30,15 @@ class Ages:
         self._clock, self._step_s, self._last, self._pauses = clock, step_s, last, tuple(pauses)
         self._same_start = last is not None and last.origin == clock.origin()
         self._known = self._same_start and last is not None and last.known
+        self._ahead_s = self._ahead_of_monotonic_s()
 
     @property
     def known(self) -> bool:
-        """Whether the wall clock has been synchronised since the computer started; it stays so, as quartz is enough."""
-        self._known = self._known or self._clock.synchronised()
+        """Whether the wall clock has been synchronised since the computer started; it stays so, as quartz is enough,
+        until it is set."""
+        before_s, self._ahead_s = self._ahead_s, self._ahead_of_monotonic_s()
+        unmoved = abs(self._ahead_s - before_s) <= _SET_S
+        self._known = (self._known and unmoved) or self._clock.synchronised()
         return self._known
 
     @property
@@ -45,6 +52,9 @@ class Ages:
             return math.inf
         passed_s = self._clock.utc().timestamp() + self._last.lead_s - self._last.k * self._step_s
         return passed_s if passed_s >= 0 else math.inf
+
+    def _ahead_of_monotonic_s(self) -> float:
+        return self._clock.utc().timestamp() - self._clock.monotonic()
 
     def monotonic_of(self, k: int | None) -> float:
         """When grid index k was, on this run's monotonic clock; -inf: long ago, never, or not known."""
