@@ -304,11 +304,12 @@ def test_a_pause_of_unknown_length_makes_a_measurement_wanted_whatever_the_polic
 def test_a_wall_clock_that_is_set_is_right_no_longer_until_it_is_synchronised(config: GatewayConfig) -> None:
     clock = started(Boot(MONDAY, synchronised=True))
     ages = ages_of(restarted(config), clock)
-    assert ages.known
-    clock.is_synchronised = False
-    assert ages.known, "quartz is enough"
+
+    def known(*, synchronised: bool) -> bool:
+        clock.is_synchronised = synchronised
+        return ages.known
+
+    assert known(synchronised=True)
+    assert known(synchronised=False), "quartz is enough"
     clock.set_utc(MONDAY + timedelta(seconds=156))
-    assert not ages.known
-    assert not ages.known
-    clock.is_synchronised = True
-    assert ages.known
+    assert [known(synchronised=now) for now in (False, False, True)] == [False, False, True]
