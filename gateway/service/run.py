@@ -109,9 +109,9 @@ def stop_s(config: GatewayConfig) -> float:
 
 
 def ramp_s(config: GatewayConfig) -> float:
-    """How long taking the largest offsets back to zero takes, s."""
+    """How long taking the largest offsets back to zero takes, s; a disarmed gateway does so with `hold` too."""
     compensation = config.compensation
-    if config.nc is None or compensation.mode != "compensate" or compensation.when_stale != "zero":
+    if config.nc is None or compensation.mode != "compensate":
         return 0.0
     return max(compensation.bound_um) / compensation.slew_um_per_s
 

@@ -113,12 +113,12 @@ def test_without_systemd_nothing_is_sent_and_another_process_s_watchdog_is_not_o
 def test_the_time_to_stop_is_that_of_the_configured_ramp() -> None:
     config = load(FILE)
     compensation = config.compensation.model_copy(
-        update={"mode": "compensate", "bound_um": (20.0, 80.0, 50.0), "slew_um_per_s": 0.5, "when_stale": "zero"}
+        update={"mode": "compensate", "bound_um": (20.0, 80.0, 50.0), "slew_um_per_s": 0.5, "when_stale": "hold"}
     )
     writing = config.model_copy(update={"compensation": compensation})
     assert ramp_s(writing) == 160.0
-    holding = compensation.model_copy(update={"when_stale": "hold"})
-    assert ramp_s(config.model_copy(update={"compensation": holding})) == 0.0
+    advising = compensation.model_copy(update={"mode": "advise"})
+    assert ramp_s(config.model_copy(update={"compensation": advising})) == 0.0
 
 
 DRY = "nothing will be learnt: no dry run was done"
