@@ -4,6 +4,8 @@ import asyncio
 import signal
 from collections.abc import AsyncIterator
 from contextlib import suppress
+from queue import SimpleQueue
+from threading import Event, Thread
 from time import monotonic
 
 
@@ -17,6 +19,22 @@ def stop_on_signals(stop: asyncio.Event) -> None:
 
     loop.add_signal_handler(signal.SIGINT, asked)
     loop.add_signal_handler(signal.SIGTERM, stop.set)
+
+
+def set_on_signals(stop: Event) -> None:
+    """SIGINT and SIGTERM set `stop`, for a command without an event loop.
+
+    The handler itself must not: it runs in the main thread, which may be within `stop.wait` and hold the event's lock.
+    """
+    asked: SimpleQueue[None] = SimpleQueue()  # whose put may interrupt itself
+
+    def wait() -> None:
+        asked.get()
+        stop.set()
+
+    Thread(target=wait, name="signals", daemon=True).start()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: asked.put(None))
 
 
 async def until(stop: asyncio.Event, every_s: float, seconds: float | None) -> AsyncIterator[None]:

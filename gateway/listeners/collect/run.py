@@ -1,7 +1,6 @@
 """Collects what the gateways of a site have stored, until a signal ends it."""
 
 import logging
-import signal
 import threading
 from pathlib import Path
 
@@ -11,6 +10,7 @@ from gateway.config.telemetry import Telemetry
 from gateway.listeners.collect.collector import Collector
 from gateway.listeners.collect.network import SiteNetwork
 from gateway.listeners.collect.places import site_at
+from gateway.runtime.signals import set_on_signals
 
 
 def collect_site(site: str, telemetry: Telemetry, every_s: float, database_password_file: Path | None) -> None:
@@ -26,8 +26,7 @@ def collect_site(site: str, telemetry: Telemetry, every_s: float, database_passw
     except ValueError as error:
         raise click.UsageError(str(error)) from None
     with place as kept, SiteNetwork(telemetry) as network:
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, lambda *_: stop.set())
+        set_on_signals(stop)
         collector = Collector(network, kept, every_s=every_s)
         click.echo(f"{site}: collecting what gateways at {', '.join(telemetry.connect)} have stored")
         collector.run(stop)

@@ -1,7 +1,6 @@
 """Forwards what gateways publish to every outlet of a file, until a signal ends it."""
 
 import logging
-import signal
 import threading
 from datetime import UTC, datetime
 from pathlib import Path
@@ -14,6 +13,7 @@ from gateway.config.telemetry_rules import credential_problems
 from gateway.listeners.outlets.outlet import OutletMessage
 from gateway.listeners.outlets.settings import OutletFile, load_outlets
 from gateway.listeners.outlets.source import GatewaySource
+from gateway.runtime.signals import set_on_signals
 
 
 def checked_outlets(path: Path) -> OutletFile:
@@ -39,8 +39,7 @@ def forward(path: Path, file: OutletFile) -> None:
     stop = threading.Event()
     threads = [threading.Thread(target=feed.run, name=feed.name, daemon=True) for feed in feeds]
     with GatewaySource(telemetry, file.source.machines, take):
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, lambda *_: stop.set())
+        set_on_signals(stop)
         for thread in threads:
             thread.start()
         click.echo(f"{path}: forwarding what gateways at {', '.join(telemetry.connect)} publish")

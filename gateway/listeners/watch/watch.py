@@ -1,7 +1,6 @@
 """Follows one gateway as an ordinary Zenoh subscriber, and shows what it publishes."""
 
 import logging
-import signal
 import threading
 from collections.abc import Sequence
 from time import monotonic
@@ -15,6 +14,7 @@ from gateway.config.model import GatewayConfig
 from gateway.listeners.watch.view import LiveView, ViewState
 from gateway.model.codes import NoticeCode
 from gateway.model.text import Language, Text
+from gateway.runtime.signals import set_on_signals
 from gateway.runtime.terminal import printable
 from gateway.telemetry import keys
 from gateway.telemetry.client import ANSWER_LIMIT_S, Machine, MachineError
@@ -108,8 +108,7 @@ class _Followed:
 
 def _follow(session: zenoh.Session, root: str, machine: str, language: str) -> bool:
     followed, alive = _Followed(machine, root), f"{root}/{keys.ALIVE}"
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: followed.ended.set())
+    set_on_signals(followed.ended)
     watcher = session.liveliness().declare_subscriber(alive, followed.life)
     subscriber = session.declare_subscriber(f"{root}/**", followed.take)
     for reply in session.get(f"{root}/**", timeout=ANSWER_LIMIT_S):
