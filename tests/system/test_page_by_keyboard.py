@@ -97,10 +97,10 @@ def test_clicks_on_a_part_a_sensor_and_a_load_and_two_fingers_on_the_chart_do_wh
             points = [{"x": middle + by, "y": box["y"] + 40, "id": i} for i, by in enumerate((-apart, apart))]
             fingers.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points if apart else []})
 
-        with page.expect_response(lambda answer: asked_s(answer) > 0.0) as finer:
+        # What the seven days still ask for, such as the temperatures, may arrive meanwhile.
+        with page.expect_response(lambda answer: 0.0 < asked_s(answer) < 0.5 * asked_s(whole.value)):
             for kind, apart in (("touchStart", 50.0), ("touchMove", 100.0), ("touchMove", 200.0), ("touchEnd", 0.0)):
                 touch(kind, apart)
-        assert asked_s(finer.value) < 0.5 * asked_s(whole.value)
 
 
 def test_each_screen_says_since_when_and_the_wheel_turns_to_what_has_no_room(looked_at: PageRig) -> None:
