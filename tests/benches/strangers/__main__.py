@@ -12,6 +12,7 @@ from pprint import pprint
 import click
 
 from tests.benches.strangers import can_trial, me_trial, modbus_trial, mqtt_trial, opcua_trial
+from tests.benches.strangers.nature import shown
 
 _TRIALS = {"modbus": modbus_trial, "me": me_trial, "can": can_trial, "opcua": opcua_trial, "mqtt": mqtt_trial}
 
@@ -26,7 +27,7 @@ def main(seeds: int, seed: int, kind: str, shows: bool) -> None:
     logging.disable(logging.CRITICAL)
     trials = _TRIALS[kind]
     if shows:
-        pprint(trials.show(seed), width=150)
+        pprint(shown(trials.tried(seed)), width=150)
         return
     began_s, failed = time.process_time(), 0
     for one in range(seed, seed + seeds):

@@ -20,7 +20,6 @@ from tests.benches.simulated_time import simulated_time
 from tests.benches.strangers.can_node import OBJECTS, CanNature, ForeignNode, age_s, drawn, told
 from tests.benches.strangers.driven_loop import DrivenLoop, run_driven
 from tests.benches.strangers.least_readings import FEW, READ, least_readings
-from tests.benches.strangers.nature import shown
 from tests.benches.strangers.polled import Polled
 
 PERIODS = 40
@@ -169,9 +168,3 @@ def tried(seed: int) -> CanTrial:
     trial = CanTrial(drawn(random.Random(seed)), seed)
     trial.run()
     return trial
-
-
-def show(seed: int) -> dict[str, object]:
-    """All of one seed, to look at."""
-    trial = tried(seed)
-    return shown(trial, {c: len(v) for c, v in trial.ours.good.items()}, trial.plain)

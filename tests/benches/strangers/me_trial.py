@@ -13,7 +13,6 @@ from tests.benches.buses import make_bus
 from tests.benches.strangers.driven_loop import DrivenLoop, LoopClock, run_driven
 from tests.benches.strangers.least_readings import FEW, IN_TIME, READ
 from tests.benches.strangers.me_host import ForeignController, MeNature, age_s, drawn, told
-from tests.benches.strangers.nature import shown
 from tests.benches.strangers.polled import Polled
 
 PERIODS = 50
@@ -142,9 +141,3 @@ def tried(seed: int) -> MeTrial:
     trial = MeTrial(drawn(random.Random(seed)), seed)
     trial.run()
     return trial
-
-
-def show(seed: int) -> dict[str, object]:
-    """All of one seed, to look at."""
-    trial = tried(seed)
-    return shown(trial, {c: len(v) for c, v in trial.ours.good.items()}, len(trial.plain))

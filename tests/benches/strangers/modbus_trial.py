@@ -16,7 +16,6 @@ from tests.benches.strangers.least_readings import least_readings
 from tests.benches.strangers.modbus_client import Wanted, plainly_read
 from tests.benches.strangers.modbus_host import ForeignModbus
 from tests.benches.strangers.modbus_nature import Memory, Nature, age_s, drawn, told
-from tests.benches.strangers.nature import shown
 from tests.benches.strangers.polled import Polled
 
 PERIODS = 50
@@ -136,9 +135,3 @@ def tried(seed: int) -> Trial:
     trial = Trial(drawn(random.Random(seed)), seed)
     trial.run()
     return trial
-
-
-def show(seed: int) -> dict[str, object]:
-    """All of one seed, to look at."""
-    trial = tried(seed)
-    return shown(trial, {c: len(v) for c, v in trial.ours.good.items()}, trial.plain)

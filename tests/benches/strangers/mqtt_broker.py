@@ -11,6 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 
+from tests.benches.mqtt_packets import packet, received
 from tests.benches.strangers.nature import Told
 from tests.benches.strangers.nature import log_uniform as _log
 
@@ -103,27 +104,6 @@ def told(value: float) -> int:
 def age_s(value: float, now_s: float) -> float:
     """How long ago it was measured."""
     return (round(now_s * 100) - int(value)) % 2**24 / 100
-
-
-def packet(first: int, body: bytes) -> bytes:
-    """Of a kind with its flags, and its length."""
-    length, rest = bytearray(), len(body)
-    while rest > 0x7F:
-        length.append(rest & 0x7F | 0x80)
-        rest >>= 7
-    return bytes((first, *length, rest)) + body
-
-
-async def received(reader: asyncio.StreamReader) -> tuple[int, bytes]:
-    """First byte and body of a packet."""
-    (first,) = await reader.readexactly(1)
-    length = shift = 0
-    while True:
-        (byte,) = await reader.readexactly(1)
-        length |= (byte & 0x7F) << shift
-        shift += 7
-        if not byte & 0x80:
-            return first, await reader.readexactly(length)
 
 
 class ForeignBroker:

@@ -18,10 +18,10 @@ from gateway.acquisition.line import Line
 from gateway.model.sample import Sample
 from gateway.runtime.clocks import RealClock
 from tests.benches.buses import make_bus
+from tests.benches.mqtt_packets import packet, received
 from tests.benches.simulated_time import simulated_time
 from tests.benches.strangers.least_readings import FEW, READ
-from tests.benches.strangers.mqtt_broker import ForeignBroker, MqttNature, age_s, drawn, packet, received, told
-from tests.benches.strangers.nature import shown
+from tests.benches.strangers.mqtt_broker import ForeignBroker, MqttNature, age_s, drawn, told
 from tests.benches.strangers.polled import Polled
 
 PERIODS = 40
@@ -163,9 +163,3 @@ def tried(seed: int) -> MqttTrial:
     trial = MqttTrial(drawn(random.Random(seed)), seed)
     trial.run()
     return trial
-
-
-def show(seed: int) -> dict[str, object]:
-    """All of one seed, to look at."""
-    trial = tried(seed)
-    return shown(trial, {c: len(v) for c, v in trial.ours.good.items()}, trial.plain)

@@ -26,6 +26,10 @@ class Trial(Protocol):
     nature: Any
     said: Any
     notices: Any
+    ours: Any
+    """A Polled."""
+    plain: Any
+    """What a plain client has read."""
 
     def problems(self) -> Iterable[str]:
         """What was not read as it must be."""
@@ -35,13 +39,13 @@ def log_uniform(draw: random.Random, low: float, high: float) -> float:
     return float(low * (high / low) ** draw.random())
 
 
-def shown(trial: Trial, good: object, plain: object) -> dict[str, object]:
-    """All of one trial, to look at. good, plain: what the gateway and what a plain client has read."""
+def shown(trial: Trial) -> dict[str, object]:
+    """All of one trial, to look at."""
     return {
         "nature": str(trial.nature),
         "problems": list(trial.problems()),
         "said": trial.said,
         "notices": trial.notices,
-        "good": good,
-        "plain": plain,
+        "good": {channel: len(times) for channel, times in trial.ours.good.items()},
+        "plain": trial.plain,
     }

@@ -19,7 +19,6 @@ from gateway.model.sample import Sample
 from tests.benches.buses import make_bus
 from tests.benches.strangers.driven_loop import DrivenLoop, LoopClock, run_driven
 from tests.benches.strangers.least_readings import least_readings
-from tests.benches.strangers.nature import shown
 from tests.benches.strangers.opcua_server import URIS, ForeignServer, OpcUaNature, age_s, drawn, told
 from tests.benches.strangers.polled import Polled
 
@@ -154,9 +153,3 @@ def tried(seed: int) -> OpcUaTrial:
     trial = OpcUaTrial(drawn(random.Random(seed)), seed)
     trial.run()
     return trial
-
-
-def show(seed: int) -> dict[str, object]:
-    """All of one seed, to look at."""
-    trial = tried(seed)
-    return shown(trial, {c: len(v) for c, v in trial.ours.good.items()}, trial.plain)
