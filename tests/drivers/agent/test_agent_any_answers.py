@@ -12,6 +12,7 @@ from drivers.agent.control import AgentControl
 from drivers.base import BadAnswer, SystemClock
 from drivers.nc import NineErrors, NotSendable
 from tests.benches.fake_agent import Agent, agent_and_driver, serving
+from tests.benches.refusals import refusing
 from tests.benches.spoilt_agent import STATUS, ask_everything, ask_spoilt_agent, connected
 
 pytestmark = pytest.mark.simulated_time
@@ -108,7 +109,7 @@ async def test_errors_with_a_bound_beyond_the_agent_s_are_never_sent(tmp_path: P
         agent.answers |= {"write_errors": None, "errors": [0.0] * 9}
         await nc.connect()
         await nc.write_errors(NineErrors((0.0,) * 9, 120.0, (50.0, 50.0, 50.0)))
-        with pytest.raises(NotSendable, match="the control's own bound is 50 µm"):
+        with refusing(NotSendable, "agent_bound bound_um=50.1 most_um=49.99999999"):
             await nc.write_errors(NineErrors((0.0,) * 9, 120.0, (50.0, 50.0, 50.1)))
 
 
