@@ -3,6 +3,7 @@
 import os
 import struct
 from contextlib import suppress
+from math import inf
 from os.path import samestat
 from pathlib import Path
 
@@ -67,14 +68,18 @@ def check_log(path: Path) -> None:
             _compare(index, path, NoticeCode.DATABASE_LOG_CUT)
 
 
-def check_log_left(path: Path) -> None:
-    """The same of what a run left that was killed, before this process opens the database: SQLite then makes the index
-    anew, and takes a log that was cut for one that ends there.
+def check_left(path: Path) -> None:
+    """What an earlier run left, before this process opens the database: SQLite takes the rest of a page that was cut
+    for zeros, and after a kill a log that was cut for one that ends there, as it makes the index anew.
 
     Raises DamagedError.
     """
     with suppress(OSError):
         if _index_of(path) is None:
+            log, size = path.with_name(path.name + "-wal"), path.stat().st_size
+            expected = _expected_size(path)
+            if size < expected < inf and not (log.exists() and log.stat().st_size):  # nor is the rest in the log
+                raise DamagedError(Text(NoticeCode.DATABASE_LEFT_CUT, bytes=size, expected=expected))
             with path.with_name(path.name + "-shm").open("rb") as index:
                 _compare(index.fileno(), path, NoticeCode.DATABASE_LOG_LEFT_CUT)
 
@@ -109,6 +114,6 @@ def _expected_size(path: Path) -> float:
     with path.open("rb") as file:
         header = file.read(_HEADER)
     if len(header) < _HEADER or not header.startswith(_MAGIC):
-        return float("inf")
+        return inf
     page = int.from_bytes(header[_PAGE_SIZE_AT : _PAGE_SIZE_AT + 2], "big")
     return (65536 if page == 1 else page) * int.from_bytes(header[_PAGES_AT : _PAGES_AT + 4], "big")

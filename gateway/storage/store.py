@@ -46,7 +46,7 @@ from gateway.storage.learnt import Learnt
 from gateway.storage.lock import FileLock, link_followed
 from gateway.storage.mending import Known, begin_again, mend
 from gateway.storage.outside import write_outside
-from gateway.storage.place import check_log_left
+from gateway.storage.place import check_left
 from gateway.storage.readings import MOST_BOOTS, Channels, Pruning, Retention, last_boot
 from gateway.storage.schema import UNREADABLE, connect, is_damage, make_schema, unusable
 from gateway.storage.snapshot import Snapshot
@@ -108,7 +108,7 @@ class Store:
         """Backup of the database of an earlier schema version, which was migrated now."""
         try:
             try:
-                check_log_left(path)
+                check_left(path)
                 self._open()
             except (DamagedError, *UNREADABLE) as error:
                 if not (isinstance(error, DamagedError) or is_damage(error)):
