@@ -97,6 +97,8 @@ class GatewayState:
     """Their names."""
     sphere_mm: tuple[float, float] | None = None
     """Radius and height of the probing sphere."""
+    when_stale: str | None = None
+    """What the control does with the offsets without a gateway."""
     decision: Decision | None = None
     """The latest."""
     outlook: Outlook | None = None
@@ -197,6 +199,7 @@ class Composer:
             planned_loads=state.planned_loads,
             kinematics=CHAIN,
             sphere_mm=state.sphere_mm,
+            when_stale=state.when_stale,
             version=self._version,
             key_space=keys.VERSION,
         )

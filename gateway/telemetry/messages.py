@@ -306,6 +306,10 @@ class StatusMessage(Message, frozen=True):
         tuple[float, float] | None,
         Meta(description="[probing]: the sphere's radius and height"),
     ] = None
+    when_stale: Annotated[
+        str | None,
+        Meta(description="[compensation]: what the control does with the offsets without a gateway, `zero` or `hold`"),
+    ] = None
 
 
 Published = (

@@ -192,12 +192,13 @@ class HeardMachine:
         unarmed_coded: tuple[Coded | None, ...] = (),
         channels: int | None = None,
         channels_good: int | None = None,
+        when_stale: str | None = None,
     ) -> None:
         ends, missed = dict(certificates or {}), dict(periods_missed or {})
         message = StatusMessage(
             *self.stamp(), "compensation", 0, 0, missed, None, None,
             unarmed=unarmed, certificates=ends, planned_loads=planned_loads, paused=paused, disarmed=disarmed,
-            unarmed_coded=unarmed_coded, channels=channels, channels_good=channels_good,
+            unarmed_coded=unarmed_coded, channels=channels, channels_good=channels_good, when_stale=when_stale,
         )  # fmt: skip
         self.hear("status", message)
 

@@ -57,8 +57,8 @@ def test_each_number_stands_where_its_name_is(settings: Path) -> None:
             expect(number(page, "Z", "far")).to_have_text("22.0")
             expect(page.locator(".now-table thead th")).to_have_text(["µm", "without", "taken back", "left"])
             expect(number(page, "Z", "interval")).to_have_text("+18.0 ± 4.0\u202fµm")
-            expect(page.locator("#because")).to_contain_text(re.compile(r"22\.0.*\bZ\b"))
-            expect(page.locator("#because")).to_contain_text("18.0\u202fµm ± 4.0\u202fµm")
+            expect(page.locator("#because")).to_contain_text("22.0\u202fµm")
+            expect(page.locator("#because")).to_contain_text(re.compile(r"\bZ\b"))
 
 
 def test_the_bars_show_which_part_of_an_interval_is_outside_the_tolerance(settings: Path) -> None:

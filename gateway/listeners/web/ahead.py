@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 
 from gateway.listeners.web.at_tool import ToolError, half_width, left_with, moved
-from gateway.listeners.web.sentences import Amount, Atom, Sentence, ToldName, Word, at, lasting, um
+from gateway.listeners.web.sentences import Atom, Sentence, ToldName, Word, at, lasting, tolerance, um
 from gateway.telemetry.answers import ScenarioPage
 from gateway.telemetry.messages import ForecastMessage, PublishedCourse
 from gateway.telemetry.subscriber.instants import instant
@@ -27,6 +27,7 @@ WAIT_S = 1800.0
 """What waiting is judged after."""
 WARM_S = 7200.0
 """How long a warm-up takes."""
+PROBE = Word("help.probe")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -235,7 +236,7 @@ def when(now: ToolError | None, coming: AheadError | None, tolerance_um: float, 
         axis = Word("XYZ"[seen.axis_at(turn)])
         yield Sentence(
             "when.until",
-            {"at": at(turn), "axis": axis, "tolerance": Amount(tolerance_um, "µm", d=int(tolerance_um % 1 > 0))},
+            {"at": at(turn), "axis": axis, "tolerance": tolerance(tolerance_um)},
         )
         return
     if turn is not None:
@@ -245,11 +246,10 @@ def when(now: ToolError | None, coming: AheadError | None, tolerance_um: float, 
     if outside == len(coming.at):
         yield Sentence("when.not_within", {"at": at(coming.at[-1])})
         return
-    off: dict[str, Atom] = {"off": _worst((coming.high - coming.far)[coming.known()])}
     if outside:
-        yield Sentence("when.not_before", off | {"at": at(seen.at[outside])})
+        yield Sentence("when.not_before", {"at": at(seen.at[outside])})
     else:
-        yield Sentence("when.not_foreseeable", off)
+        yield Sentence("when.not_foreseeable")
 
 
 def planned(
@@ -271,10 +271,6 @@ def planned(
         else:
             least, most = um(float(seen.low[-1])), um(float(seen.high[-1]))
             yield Sentence("planned.not_certain", values | {"at": at(seen.at[-1]), "low": least, "high": most})
-
-
-def _worst(values: FloatArray) -> Amount:
-    return um(float(np.max(values)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -309,21 +305,28 @@ def options(now: ToolError, coming: AheadError) -> tuple[Option, ...]:
     probed = now.far - (coming.far[soon] - coming.measured_far[soon])
     found = (
         (Word("help.wait"), float(np.max(coming.far[soon])), float(off[soon])),
-        (Word("help.probe"), float(np.max(probed)), 0.0),
+        (PROBE, float(np.max(probed)), 0.0),
         (Word("help.warm"), float(np.max(coming.usual_far[later])), float(off[later])),
     )
     return tuple(Option(what, far, wrong, here - far) for what, far, wrong in found)
 
 
-def advice(now: ToolError | None, coming: AheadError | None, tolerance_um: float, *, ready: bool) -> Iterator[Sentence]:
-    """What would help more, and by how much; and when warming up brings nothing more."""
+def advice(
+    now: ToolError | None, coming: AheadError | None, tolerance_um: float, takes: Atom, *, ready: bool
+) -> Iterator[Sentence]:
+    """What would help most, and what it leaves; then each option; and when warming up brings nothing more.
+
+    takes: how long a measurement takes, as `cycle_takes` says it
+    """
     if now is None or coming is None or not np.isfinite(now.far).all():
         return
     choices = options(now, coming)
     if not ready:
         best = max(choices, key=lambda each: each.gain_um if each.counts else -math.inf)
         if best.counts:
-            yield Sentence("help.best", {"what": best.what, "gain": um(best.gain_um)})
+            values = _values(best) | {"lasts": takes if best.what == PROBE else ToldName("")}
+            key = "help.best_enough" if _enough(best, tolerance_um) else "help.best"
+            yield Sentence(key, values | {"tolerance": tolerance(tolerance_um)})
         for each in choices:
             yield _said(each, tolerance_um)
         if not best.counts and all(math.isfinite(each.off_um) for each in choices):
@@ -336,15 +339,17 @@ def _said(option: Option, tolerance_um: float) -> Sentence:
     what = option.what
     if not (math.isfinite(option.far_um) and math.isfinite(option.off_um)):
         return Sentence("help.unforeseeable", {"what": what})
-    values: dict[str, Atom] = {
-        "what": what,
-        "far": um(option.far_um),
-        "gain": um(-option.gain_um, sign=True),
-        "off": um(option.off_um),
-    }
-    if option.far_um + option.off_um <= tolerance_um:
-        return Sentence("help.enough", values)
-    return Sentence("help.option" if option.counts else "help.little", values)
+    if _enough(option, tolerance_um):
+        return Sentence("help.enough", _values(option))
+    return Sentence("help.option" if option.counts else "help.little", _values(option))
+
+
+def _enough(option: Option, tolerance_um: float) -> bool:
+    return option.far_um + option.off_um <= tolerance_um
+
+
+def _values(option: Option) -> dict[str, Atom]:
+    return {"what": option.what, "far": um(option.far_um), "gain": um(-option.gain_um, sign=True)}
 
 
 def _settled(now: ToolError, coming: AheadError) -> bool:

@@ -10,9 +10,9 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 
 from drivers.base import SetupError
-from gateway.listeners.web.ahead import WARM_S, AheadError, ahead, ahead_along, outlook, planned_ahead
+from gateway.listeners.web.ahead import WARM_S, AheadError, Outlook, ahead, ahead_along, outlook, planned_ahead
 from gateway.listeners.web.at_tool import ToolError
-from gateway.listeners.web.sentences import UNHEARD, Atom, Sentence, ToldName, at, lasting, um, why
+from gateway.listeners.web.sentences import UNHEARD, Atom, Sentence, ToldName, Word, at, lasting, um, why
 from gateway.listeners.web.verdict import Viewpoint, tool_now
 from gateway.listeners.web.week_pages import unanswered
 from gateway.telemetry.answers import ScenarioPage
@@ -39,9 +39,8 @@ class ShownBranch:
     t: list[float]
     """Seconds from now."""
     far: list[float | None]
-    low: list[float | None]
-    """The least and the most that `far` will be."""
     high: list[float | None]
+    """The most that `far` will be."""
     turn: float | None = None
     """Seconds from now when the whole interval comes within the tolerance, or no longer is."""
 
@@ -77,13 +76,21 @@ def _branch(load: str, now: ToolError, coming: AheadError, tolerance_um: float |
     turn = None if seen is None or tolerance_um is None else seen.turn(tolerance_um)
     after = None if seen is None or turn is None else (turn - seen.at[0]).total_seconds()
     began = coming.at[0].timestamp() - coming.seconds[0]
-    return ShownBranch(load, began, seconds, column(coming.far), column(coming.low), column(coming.high), after)
+    return ShownBranch(load, began, seconds, column(coming.far), column(coming.high), after)
 
 
-def shown_scenario(seen: MachineSeen, page: ScenarioPage, viewpoint: Viewpoint, now_s: float) -> ShownScenario:
-    """A scenario at the chosen point, and what it says. Raises ValueError for columns of different lengths."""
+def shown_scenario(
+    seen: MachineSeen, page: ScenarioPage, viewpoint: Viewpoint, now_s: float, load: str = ""
+) -> ShownScenario:
+    """A scenario at the chosen point, and what it says. Raises ValueError for columns of different lengths.
+
+    load: name of the planned load; empty: of the spindle, as it usually is
+    """
     error, made = tool_now(seen, viewpoint.matrix, now_s).error, instant(page.time)
-    values: dict[str, Atom] = {"load": _told(page.loads), "lasts": lasting(60.0 * page.minutes)}
+    values: dict[str, Atom] = {
+        "load": ToldName(load) if load else Word("scenario.spindle"),
+        "lasts": lasting(60.0 * page.minutes),
+    }
     if not page.loads:
         return ShownScenario([], [Sentence("scenario.no_load")])
     if error is None or seen.forecast is None or made is None or not np.isfinite(error.far).all():
@@ -94,19 +101,23 @@ def shown_scenario(seen: MachineSeen, page: ScenarioPage, viewpoint: Viewpoint, 
             [_branch("", error, stays, viewpoint.tolerance_um)], [Sentence("scenario.unknown", values)]
         )
     run = ahead_along(seen, page, page.loaded, viewpoint.matrix)
-    said = list(_said(values, error, stays, run, viewpoint.tolerance_um))
+    coming = ahead(seen, viewpoint.matrix)
+    usual = None if coming is None else outlook(error, coming)
+    said = list(_said(values, error, stays, run, usual, viewpoint.tolerance_um))
     both = [_branch(name, error, each, viewpoint.tolerance_um) for name, each in (("", stays), ("?", run))]
     return ShownScenario(both, said)
 
 
-def _told(loads: Mapping[str, float]) -> Atom:
-    return ToldName(", ".join(f"{name} {value:.4g}" for name, value in loads.items()))
-
-
 def _said(
-    values: dict[str, Atom], now: ToolError, stays: AheadError, run: AheadError, tolerance_um: float | None
+    values: dict[str, Atom],
+    now: ToolError,
+    stays: AheadError,
+    run: AheadError,
+    usual: Outlook | None,
+    tolerance_um: float | None,
 ) -> Iterator[Sentence]:
-    """When the whole interval is within the tolerance; else how much less is left in the end."""
+    """When the whole interval is within the tolerance, and when it would be as it is now, by `usual`; else how much
+    less is left in the end."""
     seen = outlook(now, run)
     if seen is None:
         yield Sentence("scenario.not_checked", values)
@@ -118,7 +129,11 @@ def _said(
     already = tolerance_um is not None and bool(np.max(now.far) <= tolerance_um)
     turn = None if tolerance_um is None else seen.turn(tolerance_um)
     if turn is not None:
-        yield Sentence("scenario.leaves" if already else "scenario.ready", values | {"at": at(turn)})
+        key, otherwise = "scenario.leaves" if already else "scenario.ready", None
+        if usual is not None and tolerance_um is not None:
+            otherwise = usual.turn(tolerance_um)
+        instead = ToldName("") if otherwise is None else Sentence("scenario.instead", {"at": at(otherwise)})
+        yield Sentence(key, values | {"at": at(turn), "instead": instead})
     elif already:
         yield Sentence("scenario.stays", ended)
     else:
@@ -164,7 +179,7 @@ class ScenarioPages:
                 page = await asyncio.to_thread(self._ask, name, load, minutes)
             with self._site.machines() as machines:
                 seen = machines.get(name) or MachineSeen(name)
-                shown = shown_scenario(seen, page, viewpoint_of(seen), self._site.now_s())
+                shown = shown_scenario(seen, page, viewpoint_of(seen), self._site.now_s(), load)
         except (OSError, ValueError) as error:
             return unanswered(why(error))
         return Response(_ENCODER.encode(shown), media_type="application/json")

@@ -81,6 +81,11 @@ def um(value: float, *, sign: bool = False) -> Amount:
     return Amount(round(value, 3) if math.isfinite(value) else None, "µm", sign=sign)
 
 
+def tolerance(value_um: float) -> Amount:
+    """A tolerance, without digits that nobody typed in."""
+    return Amount(round(value_um, 1), "µm", d=int(value_um % 1 > 0))
+
+
 def lasting(seconds: float) -> Amount:
     """A time that something takes: seconds up to 90, then minutes."""
     return Amount(round(seconds), "s", d=0) if seconds < 90.0 else Amount(round(seconds / 60.0, 1), "min", d=0)

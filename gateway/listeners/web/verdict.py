@@ -11,7 +11,7 @@ import numpy as np
 
 from gateway.listeners.web.ahead import Outlook, advice, ahead, cycle_takes, planned, planned_ahead, when
 from gateway.listeners.web.at_tool import ToolError, at_the_tool, course, half_width, told
-from gateway.listeners.web.sentences import Atom, Sentence, Word, at, um
+from gateway.listeners.web.sentences import Atom, Sentence, Word, at, tolerance, um
 from gateway.model.standing import Standing
 from gateway.telemetry.subscriber.machine import MachineSeen, applied, holds_s, is_old, is_past, nine
 from talc.frame import FloatArray, Phase
@@ -101,15 +101,31 @@ def judged(seen: MachineSeen, viewpoint: Viewpoint, now_s: float) -> Verdict:
         return Verdict(Colour.RED, "word.not_ready", (Sentence("because.no_good"),))
     if error is None or not np.isfinite(error.far).all():
         return Verdict(Colour.GREY, "word.unknown", _unknown(seen, error))
-    worst = int(np.argmax(error.far))
-    left, half, far = (column[worst] for column in told(error))
-    said = Sentence(
-        "because.left", {"axis": Word("XYZ"[worst]), "left": um(abs(left)), "half": um(half), "far": um(far)}
-    )
     if viewpoint.tolerance_um is None:
-        return Verdict(Colour.GREY, "word.no_tolerance", (said, Sentence("because.no_tolerance")))
+        return Verdict(Colour.GREY, "word.no_tolerance", (_left(error), Sentence("because.no_tolerance")))
     colour = _colour(error.near, error.far, viewpoint.tolerance_um)
+    said = _left(error) if colour is Colour.GREEN else _order(error, colour, viewpoint.tolerance_um)
     return Verdict(colour, _WORDS[colour], (said,))
+
+
+def _left(error: ToolError) -> Sentence:
+    worst = int(np.argmax(error.far))
+    return Sentence("because.left", {"axis": Word("XYZ"[worst]), "far": um(told(error)[2][worst])})
+
+
+def _order(error: ToolError, colour: Colour, tolerance_um: float) -> Sentence:
+    """Not to cut to this tolerance: which axes exceed it, or may, how far they are off, and what would be met."""
+    axes = [i for i, each in enumerate(standings(error, tolerance_um)) if each is colour]
+    left, half, far = (np.array(column)[axes] for column in told(error))
+    most = float(np.max(told(error)[2]))
+    values: dict[str, Atom] = {
+        "tolerance": tolerance(tolerance_um),
+        "axis": Word(", ".join("XYZ"[i] for i in axes)),
+        "near": um(float(np.max(np.abs(left) - half))),
+        "far": um(float(np.max(far))),
+        "met": tolerance(math.ceil(most)),
+    }
+    return Sentence("because.exceeds" if colour is Colour.RED else "because.may_exceed", values)
 
 
 _WORDS = {Colour.GREEN: "word.ready", Colour.AMBER: "word.unsure", Colour.RED: "word.not_ready"}
@@ -159,10 +175,21 @@ def _absent(seen: MachineSeen) -> Verdict:
         return Verdict(Colour.AWAY, "word.no_data", (Sentence("because.two"), Sentence("do.rename")))
     if seen.silent:
         said = Sentence("because.silent", {"heard": at(seen.heard)})
-        return Verdict(Colour.AWAY, "word.silent", (said, Sentence("do.restart"), Sentence("do.away")), seen.heard)
+        return Verdict(Colour.AWAY, "word.silent", (said, Sentence("do.restart"), _offsets(seen)), seen.heard)
     gone = seen.gone or seen.heard
     said = Sentence("because.gone", {"at": at(gone)})
-    return Verdict(Colour.AWAY, "word.gone", (said, Sentence("do.start"), Sentence("do.away")), gone)
+    return Verdict(Colour.AWAY, "word.gone", (said, Sentence("do.start"), _offsets(seen)), gone)
+
+
+def _offsets(seen: MachineSeen) -> Sentence:
+    """What becomes of those in force, as far as the gateway has told."""
+    match None if seen.status is None else seen.status.when_stale:
+        case "zero":
+            return Sentence("do.taken_back")
+        case "hold":
+            return Sentence("do.held")
+        case _:
+            return Sentence("do.away")
 
 
 def _unknown(seen: MachineSeen, error: ToolError | None) -> tuple[Sentence, ...]:
@@ -214,9 +241,9 @@ def _helps(seen: MachineSeen, viewpoint: Viewpoint, tool: ToolNow, *, ready: boo
     disarmed = seen.status is not None and seen.status.disarmed is not None
     ordered = disarmed or (seen.status is not None and seen.status.paused is not None)
     if tolerance_um is not None:
-        yield from when(tool.error, coming, tolerance_um, ready=ready)
         if not ordered:
-            yield from advice(tool.error, coming, tolerance_um, ready=ready)
+            yield from advice(tool.error, coming, tolerance_um, cycle_takes(seen), ready=ready)
+        yield from when(tool.error, coming, tolerance_um, ready=ready)
         yield from planned(tool.error, planned_ahead(seen, viewpoint.matrix), tolerance_um, ready=ready)
     if ready or disarmed:
         return

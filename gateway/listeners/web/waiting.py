@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from gateway.listeners.web.ahead import WARM_S, ahead, cycle_takes
-from gateway.listeners.web.sentences import Amount, Atom, SaidRow, Sentence, Word, at, um
+from gateway.listeners.web.sentences import Atom, SaidRow, Sentence, Word, at, um
 from gateway.listeners.web.verdict import tool_now
 from gateway.telemetry.subscriber.machine import MachineSeen
 from talc.frame import FloatArray
@@ -29,11 +29,9 @@ def cost_of_waiting(seen: MachineSeen, matrix: FloatArray, now_s: float) -> Iter
     values: dict[str, Atom] = {
         "axis": Word("XYZ"[worst]),
         "at": at(coming.at[then]),
-        "hours": Amount(coming.seconds[then] / 3600.0, "h"),
         "now": um(float(error.half[worst])),
         "then": um(float(coming.waiting_half[then, worst])),
         "measured": um(float(coming.measured_half[then, worst])),
-        "gain": um(float(gained[worst])),
         "lasts": cycle_takes(seen),
     }
     yield SaidRow("label.waiting", Sentence("waiting.cost", values))

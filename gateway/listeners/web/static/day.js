@@ -4,7 +4,7 @@ import { $, changed, drawn, make, put } from "./elements.js";
 import { fetchPast } from "./past.js";
 import { AXES } from "./screens.js";
 import { amount, time, word } from "./words.js";
-import { allInks, axisRow, errorsThen, giveInks, inkOf, REST } from "./why.js";
+import { allInks, axisRow, errorsThen, giveInks, inkOf, SINCE } from "./why.js";
 
 const SPAN_S = 86400, LONGEST_S = 2 * 3600, MOST_ASKED = 4, PATIENCE_MS = 60e3, AGAIN_MS = 600e3, SOONEST_S = 1;
 // Reasons by grid index: { t, lines }
@@ -18,7 +18,7 @@ const keep = (lines) => {
 };
 const now = () => Date.parse(view.gateway_time) / 1e3;
 // The errors without compensation as the chart has them, each with the last reasons before it; what has changed since
-// these belongs to the rest, so that the parts add up to the error at any time.
+// these is a part by itself: the parts add up to the error at any time.
 const steps = () => {
   const heard = course?.t ?? [], first = heard[0] ?? Infinity, from = now() - SPAN_S, stored = past ? past.t.flatMap((t, j) => t < first && t >= from ? [j] : []) : [];
   const t = [...stored.map((j) => past.t[j]), ...heard], of = AXES.map((_, i) => [...stored.map((j) => past.without[i][j]), ...(course?.without[i] ?? [])]);
@@ -29,7 +29,7 @@ const steps = () => {
     while (last + 1 < reasons.length && reasons[last + 1].t <= at + SOONEST_S) last++;
     const total = of.map((column) => column[j]), told = last >= 0 && at - reasons[last].t <= LONGEST_S ? reasons[last].rows : AXES.map(() => ({ parts: [], total: 0 }));
     if (at < from || total.includes(null)) return [];
-    return [{ from: at, to: Math.min(t[j + 1] ?? now(), at + longest), total, rows: told.map(({ parts, total: then }, i) => [...parts, { key: REST, n: total[i] - then }]) }];
+    return [{ from: at, to: Math.min(t[j + 1] ?? now(), at + longest), total, rows: told.map(({ parts, total: then }, i) => [...parts, { key: SINCE, n: total[i] - then }]) }];
   });
 };
 const swing = (values) => Math.max(0, ...values) - Math.min(0, ...values);
@@ -44,9 +44,9 @@ const parts = (shown) => {
   }));
   const most = (moved) => Math.max(...moved.map(swing));
   giveInks("day", [...found].map(([key, moved]) => [key, most(moved)]));
-  const own = [...found].filter(([key]) => inkOf(key)).sort((a, b) => most(b[1]) - most(a[1])), others = [...found].filter(([key]) => !inkOf(key));
+  const own = [...found].filter(([key]) => inkOf(key)).sort((a, b) => most(b[1]) - most(a[1])), others = [...found].filter(([key]) => !inkOf(key) && key !== SINCE), since = found.get(SINCE);
   const sum = others.reduce((all, [, moved]) => all.map((axis, i) => axis.map((n, j) => n + moved[i][j])), AXES.map(() => shown.map(() => 0)));
-  return [...own.map(([name, moved]) => ({ name, moved, ink: inkOf(name) })), ...(others.length ? [{ name: word("moves.else"), moved: sum, ink: "rest" }] : [])];
+  return [...own.map(([name, moved]) => ({ name, moved, ink: inkOf(name) })), ...(since ? [{ name: word("moves.between"), moved: since, ink: "since" }] : []), ...(others.length ? [{ name: word("moves.else"), moved: sum, ink: "rest" }] : [])];
 };
 const HEIGHT = 100;
 const draw = (shown, list, i, [low, high]) => {

@@ -7,7 +7,7 @@ import { $, changed, draw, make, paint, put, rows, say } from "./elements.js";
 import { showModel } from "./model.js";
 import { hear } from "./past.js";
 import { showSensors } from "./sensors.js";
-import { day, exact, recent, sentence, setToday, whole, word } from "./words.js";
+import { clock, exact, lasted, present, recent, sentence, setToday, weekday, whole, word } from "./words.js";
 import { openProblems } from "./tables.js";
 import { showWhen } from "./when.js";
 import { mostMoved, showWhy } from "./why.js";
@@ -41,7 +41,7 @@ export const readyDay = (latest) => $("report-day").addEventListener("change", (
 });
 
 // A reason of more letters than this is written smaller.
-const LONG = 85, LONG_WORD = 12, LONG_SINCE = 18;
+const LONG = 85, LONG_WORD = 12;
 // Of what it waits for, what somebody does or waits for next.
 const NEXT = ["label.first", "label.waits_for", "label.operator", "label.next"];
 // What it costs to wait for the next measurement.
@@ -59,14 +59,17 @@ const list = (rows) => {
   found.append(...rows.flatMap((row) => [make("dt", word(row.label)), make("dd", sentence(row.said))]));
   return found;
 };
-export const showWord = ({ colour, word: key, since, before }) => {
-  const when = since ? word(before ? "since.before" : "since.at").replace("{at}", recent(since)) : "";
+// What the sentence on the next hours says, beside the verdict.
+const UNTIL = { "when.until": "until.at", "when.stays": "until.least", "when.ready": "until.ready" };
+export const showWord = ({ colour, word: key, since, before, helps }) => {
+  const found = helps.find((help) => help.say in UNTIL), until = found ? sentence({ ...found, say: UNTIL[found.say] }) : "";
+  const when = since ? word(before ? "since.before" : "since.at").replace("{at}", () => recent(since)).replace("{for}", () => lasted(since)) : "";
   paint($("ready"), colour);
   put($("word"), word(key));
   paint($("badge"), colour);
-  put($("badge").firstChild, when ? `${word(key)} · ${when}` : word(key));
+  put($("badge").firstChild, [word(key), until || when].filter(Boolean).join(" · "));
   put($("since"), when);
-  $("since").classList.toggle("long", when.length > LONG_SINCE);
+  put($("until"), until);
   $("ready").dataset.word = key;
   $("word").classList.toggle("long", word(key).length > LONG_WORD);
   document.title = `${word(key)} · ${machine}`;
@@ -78,8 +81,9 @@ export const showMachine = (v) => {
   document.body.classList.toggle("past", !v.alive);
   showWord(verdict);
   const heard = v.heard ? [make("span", word("page.heard").replace("{at}", exact.format(new Date(v.heard))))] : [];
-  if (simulated) heard.push(...heard.length ? [make("span", " · ")] : [], make("b", word("page.simulated").replace("{at}", day.format(simulated))));
-  draw("heard", [v.heard, simulated], () => heard);
+  if (!v.alive && !simulated && v.heard) heard.push(make("span", " · " + word("page.now").replace("{at}", clock.format(present()))));
+  if (simulated) heard.push(...heard.length ? [make("span", " · ")] : [], make("b", word("page.simulated").replace("{at}", weekday.format(simulated))));
+  draw("heard", [heard.map((each) => each.textContent)], () => heard);
   if (v.gateway_time) put($("state-of"), word("print.state_of").replace("{at}", whole.format(new Date(v.gateway_time))));
   $("unarmed").classList.toggle("spare", !v.unarmed);
   if (changed("because", verdict.because)) {
@@ -88,7 +92,7 @@ export const showMachine = (v) => {
   }
   const open = openProblems(), wrong = verdict.failed || open;
   $("failed").classList.toggle("none", !wrong);
-  put($("failed"), verdict.failed ? sentence(verdict.failed) : !v.alive ? "" : open ? word("events.open").replace("{n}", open) : word("events.no_open"));
+  put($("failed"), verdict.failed ? sentence(verdict.failed) : !v.alive ? "" : open ? word("events.open").replace("{n}", open) : verdict.colour === "green" ? word("events.no_open") : "");
   showWhy(v);
   const most = v.alive ? mostMoved(v.tolerance_um) : null;
   const next = v.alive ? v.waits.filter((row) => NEXT.includes(row.label)) : [];
@@ -110,7 +114,8 @@ export const showMachine = (v) => {
   showWhen(v);
   const price = v.alive ? v.waits.filter((row) => PRICE.includes(row.label)) : [];
   draw("price", price, () => rows(price));
-  draw("waits", v.waits, () => rows(v.waits));
+  const waits = v.waits.filter((row) => !PRICE.includes(row.label));
+  draw("waits", waits, () => rows(waits));
   draw("health", v.health, () => rows(v.health));
   showSensors(v);
   showDay(v);

@@ -47,9 +47,15 @@ const become = (now, most) => {
   if (!lost) document.title = machine || NAME;
 };
 
+// The clock of a page that gets no more messages.
+const AGAIN_MS = 10e3;
+let soon;
+const again = () => { if (state === "heard") showAgain(); soon = setTimeout(again, AGAIN_MS); };
 const showView = (v) => {
+  clearTimeout(soon);
   latest = { ...v, shownAt: present().toISOString() };
   showAgain = () => { showMachine(v); showCommands(v); };
+  if (!v.alive) soon = setTimeout(again, AGAIN_MS);
   showAgain();
 };
 

@@ -10,7 +10,7 @@ const numbers = (list) => list.filter((n) => n !== null);
 const STYLES = ["b0", "b1", "b2", "b3"];
 // branches: as the server tells them; the last one may be what somebody has asked for
 const picture = (branches, width, height) => {
-  const [left, right, top, bottom] = PAD, most = 1.15 * Math.max(tolerance ?? 0, ...branches.flatMap((b) => numbers(b.far)), 1);
+  const [left, right, top, bottom] = PAD, most = 1.15 * Math.max(tolerance ?? 0, ...branches.flatMap((b) => numbers(b.high)), 1);
   const x = (s) => left + (width - left - right) * s / (HOURS * 3600), y = (um) => height - bottom - (height - top - bottom) * Math.min(um, most) / most;
   const path = (points) => points.length ? "M" + points.map(([s, um]) => `${x(s).toFixed(1)} ${y(um).toFixed(1)}`).join("L") : "";
   const found = [], size = most > 40 ? 20 : most > 16 ? 8 : most > 8 ? 4 : 2;
@@ -25,12 +25,11 @@ const picture = (branches, width, height) => {
   }
   const began = branches[0].began * 1e3;
   branches.forEach((b, i) => {
-    const kind = b.load === "?" ? "asked" : STYLES[Math.min(i, STYLES.length - 1)], known = b.t.flatMap((s, j) => b.low[j] !== null && b.high[j] !== null ? [j] : []);
-    const edge = (column, order) => order.map((j) => [b.t[j], column[j]]);
-    if (known.length > 1) found.push(drawn("path", { class: `reach ${kind}`, d: path([...edge(b.low, known), ...edge(b.high, [...known].reverse())]) + "Z" }));
-    found.push(drawn("path", { class: `line ${kind}`, d: path(known.map((j) => [b.t[j], b.far[j]])) }));
+    const kind = b.load === "?" ? "asked" : STYLES[Math.min(i, STYLES.length - 1)], known = b.t.flatMap((s, j) => b.high[j] !== null ? [j] : []);
+    found.push(drawn("path", { class: `line ${kind}`, d: path(known.map((j) => [b.t[j], b.high[j]])) }));
     if (tolerance && b.turn !== null && b.turn <= HOURS * 3600) found.push(drawn("circle", { class: "ready", cx: x(b.turn), cy: y(tolerance), r: 5 }),
-      drawn("text", { class: "turn", x: x(b.turn) + 8, y: y(tolerance) - 7 }, clock.format(began + b.turn * 1e3)));
+      drawn("text", { class: b.turn > HOURS * 1800 ? "turn end" : "turn", x: x(b.turn) + (b.turn > HOURS * 1800 ? -8 : 8), y: y(tolerance) - 7 },
+        word(b.high[0] <= tolerance ? "until.at" : "until.ready").replace("{at}", clock.format(began + b.turn * 1e3))));
   });
   for (let s = 0; s <= HOURS * 3600; s += 1800) if (s % 3600 === 0 || width > 440) found.push(drawn("text", { class: s ? s === HOURS * 3600 ? "end" : "mid" : "", x: x(s), y: height - 6 }, clock.format(began + s * 1e3)));
   return found;
@@ -38,7 +37,9 @@ const picture = (branches, width, height) => {
 const nameOf = (b) => b.load === "?" ? word("scenario.asked") : b.load || word("scenario.as_now");
 const show = () => {
   if (!latest) return;
-  const place = $("warm"), own = (latest.alive ? latest.branches : []).filter((b) => !asked || b.load === "");
+  // A planned load is foreseen as long as the picture is: what else the form says, somebody has to ask for.
+  const whole = Number($("warm-minutes").value) === 60 * HOURS;
+  const place = $("warm"), own = (latest.alive ? latest.branches : []).filter((b) => b.load === "" || whole && b.load === $("warm-load").value);
   const branches = asked?.branches.length ? asked.branches : own, { clientWidth: width, clientHeight: height } = place;
   $("warm-empty").classList.toggle("spare", branches.length > 0);
   if (!width || !changed("warm", [branches, tolerance, width, height, time(latest.gateway_time)])) return;
@@ -53,7 +54,7 @@ const show = () => {
 const offer = (planned) => {
   if (!changed("warm-load", planned)) return;
   const chosen = $("warm-load").value;
-  $("warm-load").replaceChildren(...[["", word("scenario.spindle")], ...planned.map((name) => [name, name])].map(([value, text]) => Object.assign(make("option", text), { value })));
+  $("warm-load").replaceChildren(...[...planned.map((name) => [name, name]), ["", word("scenario.spindle")]].map(([value, text]) => Object.assign(make("option", text), { value })));
   if (planned.includes(chosen)) $("warm-load").value = chosen;
 };
 // v: what the page shows

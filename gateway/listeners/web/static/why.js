@@ -6,7 +6,8 @@ import { AXES } from "./screens.js";
 import { amount, time, word } from "./words.js";
 
 export const REST = "";
-const LEVEL = "=", SINCE = ">";
+export const SINCE = ">";
+const LEVEL = "=";
 let latest = null, axis = "Z", moment = null, then = null, thenAt = null;
 const tenths = (n) => Math.round(n * 10) / 10;
 // Rounded parts that add up to the rounded sum: what rounding leaves goes to the rest.
@@ -23,17 +24,24 @@ const ranked = (parts) => [...parts].sort((a, b) => OWN.includes(a.key) - OWN.in
 export const INKS = ["c1", "c2", "c3", "c4", "c6"];
 const inks = new Map(), sizes = {};
 export const inkOf = (key) => inks.get(key);
-// found: parts and how much they move, now or over the day. Whoever has a colour and still counts keeps it.
+// found: parts and how much they move, now or over the day. What moves most now comes first, so that a minute is told
+// alike whether or not the day is known; whoever has a colour and still counts keeps it.
 export const giveInks = (of, found) => {
   sizes[of] = new Map();
   for (const [key, n] of found) if (!OWN.includes(key)) sizes[of].set(key, Math.max(sizes[of].get(key) ?? 0, Math.abs(n)));
   const all = Object.values(sizes), size = (key) => Math.max(...all.map((each) => each.get(key) ?? 0));
-  const before = String([...inks]), first = [...new Set(all.flatMap((each) => [...each.keys()]))].sort((a, b) => size(b) - size(a)).slice(0, INKS.length);
+  const before = String([...inks]), inNow = (key) => (sizes.now?.get(key) ?? 0) >= 0.05;
+  const first = [...new Set(all.flatMap((each) => [...each.keys()]))].sort((a, b) => inNow(b) - inNow(a) || (inNow(a) ? sizes.now.get(b) - sizes.now.get(a) : size(b) - size(a))).slice(0, INKS.length);
   for (const key of inks.keys()) if (!first.includes(key)) inks.delete(key);
   for (const key of first) if (!inks.has(key)) inks.set(key, INKS.find((ink) => ![...inks.values()].includes(ink)));
   if (of !== "now" && String([...inks]) !== before) queueMicrotask(show);
 };
 export const allInks = () => [...inks];
+const dressed = (shown, p) => {
+  const ink = inkOf(p.part ? word("body." + p.part) : p.key);
+  shown.classList.add(OWN.includes(p.key) ? KINDS[p.key] : ink ? `ink-${ink}` : "plain");
+  return shown;
+};
 // rows: [{ name, note, unit, total, parts: [{ key, n, part }], said }]; all on one scale for each unit. said: instead of parts
 const stacks = (rows) => {
   const ends = {};
@@ -41,11 +49,6 @@ const stacks = (rows) => {
     const [low, high] = ends[unit] ?? [0, 0], sum = (sign) => parts.filter((p) => p.n * sign > 0).reduce((all, p) => all + p.n, 0);
     ends[unit] = [Math.min(low, sum(-1)), Math.max(high, sum(1))];
   }
-  const dressed = (shown, p) => {
-    const ink = inkOf(p.part ? word("body." + p.part) : p.key);
-    shown.classList.add(OWN.includes(p.key) ? KINDS[p.key] : ink ? `ink-${ink}` : "plain");
-    return shown;
-  };
   return rows.map(({ name, note, unit, total, parts, key, said: why }) => {
     const row = make("div", undefined, "stack"), track = make("div", undefined, "track"), [low, high] = ends[unit], wide = high - low || 1;
     const at = (n) => (n - low) / wide * 100;
@@ -133,7 +136,11 @@ const show = () => {
   const [now, rows] = wholes.map((each) => each.map(folded));
   $("why-axes").replaceChildren(...(rows.length ? stacks(rows) : none()));
   $("now-why").replaceChildren(...(now.length ? stacks(now) : [make("p", word("tool.nothing"), "empty")]));
-  if (now.length) $("now-why").children[now.indexOf(worstOf(now))].classList.add("worst");
+  $("now-keys").replaceChildren(...ranked([...new Map(now.flatMap((row) => row.parts).map((p) => [p.key, p])).values()]).map((p) => {
+    const part = make("span", named(p.key), "part-of");
+    part.prepend(dressed(make("i", undefined, "share"), p));
+    return part;
+  }));
   fitLabels();
   $("drives").replaceChildren(...stacks(errorRows(errors)));
   $("drives-empty").hidden = errors.length > 0;

@@ -28,8 +28,13 @@ export const time = (iso) => {
   return (twice(at) ? named : at.toDateString() === today().toDateString() ? clock : day).format(at);
 };
 // The same, with the weekday alone of the last days.
-const weekday = new Intl.DateTimeFormat(undefined, { weekday: "short", hour: "2-digit", minute: "2-digit" });
+export const weekday = new Intl.DateTimeFormat(undefined, { weekday: "short", hour: "2-digit", minute: "2-digit" });
 export const recent = (iso) => time(iso) === clock.format(new Date(iso)) || today() - new Date(iso) > 6 * 24 * HOUR_MS ? time(iso) : weekday.format(new Date(iso));
+// How long ago, by the clock of what is shown.
+export const lasted = (iso) => {
+  const hours = (today() - new Date(iso)) / HOUR_MS;
+  return hours < 1 ? amount({ n: Math.floor(hours * 60), u: "min", d: 0 }) : amount({ n: Math.floor(hours), u: "h", d: 0 });
+};
 // As it is typed in: without separated thousands.
 export const plain = (n) => new Intl.NumberFormat(undefined, { useGrouping: false, maximumFractionDigits: 3 }).format(n);
 const numbers = new Map();

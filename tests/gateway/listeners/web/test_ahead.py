@@ -66,10 +66,9 @@ def test_a_forecast_that_may_be_off_by_more_than_it_says_promises_nothing() -> N
     said = helps(heard)
     assert "when.ready" not in said
     assert said["when.not_before"].values["at"] == at(BEGAN + timedelta(minutes=30))
-    assert amount(said["when.not_before"], "off") > 1.96 * 3.0
     said = helps(cooling((9.0, 8.0, 2.0), missed=3.0))
     assert "when.not_before" not in said
-    assert amount(said["when.not_foreseeable"], "off") > 1.96 * 3.0
+    assert "when.not_foreseeable" in said
 
 
 @pytest.mark.parametrize("absurd", [1e200, -1e200])
@@ -77,7 +76,7 @@ def test_a_forecast_of_what_no_machine_can_have_promises_nothing(absurd: float) 
     """Squared, such a number is beyond any double."""
     heard = cooling((absurd, 8.0, 2.0), missed=abs(absurd))
     heard.forecast({"EZ0A": (20.0, absurd, 2.0)}, sigma=absurd, measured=absurd)
-    assert not {"when.ready", "help.best", "help.enough"} & helps(heard).keys()
+    assert not {"when.ready", "help.best", "help.best_enough", "help.enough"} & helps(heard).keys()
     assert shown_course(heard.seen, WITHIN).ahead_t == []
 
 
@@ -85,7 +84,7 @@ def test_what_was_not_yet_compared_with_what_came_is_not_said() -> None:
     heard = cooling((20.0, 8.0, 2.0), missed=None)
     said = helps(heard)
     assert {"when.not_checked", "help.unforeseeable"} <= said.keys()
-    assert not {"when.ready", "help.best", "help.nothing", "help.stop"} & said.keys()
+    assert not {"when.ready", "help.best", "help.best_enough", "help.nothing", "help.stop"} & said.keys()
     assert shown_course(heard.seen, WITHIN).ahead_t == []
 
 
@@ -113,10 +112,10 @@ def test_what_helps_most_is_said_first_and_by_how_much() -> None:
     heard = cooling((20.0, 18.0, 17.0), missed=0.1)
     heard.forecast({"EZ0A": (20.0, 18.0, 17.0)}, missed=0.1, usual={"EZ0A": (10.0, 2.0, 2.0)})
     said = verdict_of(heard.seen, WITHIN, heard.now_s).helps
-    best = next(each for each in said if each.say == "help.best")
-    assert best.values["what"] == Word("help.warm")
-    assert amount(best, "gain") == pytest.approx(28.0, abs=0.01)
-    by_option = {each.values["what"]: each for each in said if "what" in each.values and each.say != "help.best"}
+    best, *others = (each for each in said if "what" in each.values)
+    assert (best.say, best.values["what"]) == ("help.best_enough", Word("help.warm"))
+    assert amount(best, "far") == pytest.approx(2.0 + HALF_UM, abs=0.01)
+    by_option = {each.values["what"]: each for each in others}
     assert by_option[Word("help.wait")].say == "help.option"
     assert amount(by_option[Word("help.wait")], "gain") == pytest.approx(-10.0, abs=0.01)
     assert by_option[Word("help.probe")].say == "help.little", "an interval as narrow as before"
@@ -131,7 +130,7 @@ def test_a_corrected_machine_is_helped_by_a_measurement() -> None:
     heard.decision(corrected={"EZ0A": 30.0}, sigma=5.0)
     heard.forecast({"EZ0A": (60.0, 90.0, 90.0)}, sigma=5.0, measured=0.5, missed=0.2)
     said = helps(heard)
-    assert said["help.best"].values["what"] == Word("help.probe")
+    assert said["help.best_enough"].values["what"] == Word("help.probe")
     assert said["help.enough"].values["what"] == Word("help.probe")
     assert "when.not_within" in said, "however the error itself moves"
 
@@ -142,7 +141,7 @@ def test_at_the_bound_of_the_compensation_nothing_is_promised() -> None:
     heard.compensation((0.0, 0.0, 20.0), bounded=(False, False, True))
     heard.decision(corrected={"EZ0A": 30.0})
     heard.forecast({"EZ0A": (30.0, 30.0, 30.0)})
-    assert not {"when.ready", "help.best", "help.enough"} & helps(heard).keys()
+    assert not {"when.ready", "help.best", "help.best_enough", "help.enough"} & helps(heard).keys()
 
 
 def test_warming_up_is_to_stop_when_more_of_it_brings_nothing() -> None:
@@ -328,6 +327,8 @@ def test_what_a_load_of_some_minutes_would_do_is_said_as_far_as_forecasts_have_b
     assert (as_now.t[0], as_now.t[-1]) == (0.0, 7200.0)
     assert (as_now.high[1] is None) == (missed is None)
     if said == "scenario.ready":
+        assert found.said[0].values["load"] == Word("scenario.spindle"), "no name of a channel"
+        assert found.said[0].values["instead"] == ToldName(""), "as it is now, it does not become so"
         assert same(found.said[0].values["at"], passes((1 / 12, 25.0), (1 / 3, 8.0)))
         assert run[0].turn is not None
         assert at(BEGAN + timedelta(seconds=run[0].turn)) == found.said[0].values["at"]
@@ -335,3 +336,11 @@ def test_what_a_load_of_some_minutes_would_do_is_said_as_far_as_forecasts_have_b
         assert run[0].far[-1] < 3.0
     (none,) = shown_scenario(heard.seen, scenario((30.0,) * 3, None, {}), WITHIN, heard.now_s).said
     assert none.say == "scenario.no_load"
+
+
+def test_what_a_load_would_do_is_told_beside_the_end_that_the_page_tells() -> None:
+    heard = cooling((3.0, 8.0, 20.0), now=2.0)
+    page = scenario((3.0, 3.0, 8.0), (3.0, 12.0, 20.0), {"spindle_speed": 6000.0})
+    (said,) = shown_scenario(heard.seen, page, WITHIN, heard.now_s, "warm-up").said
+    assert (said.say, said.values["load"]) == ("scenario.leaves", ToldName("warm-up"))
+    assert said.values["instead"] == Sentence("scenario.instead", {"at": helps(heard)["when.until"].values["at"]})

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gateway.listeners.web.at_tool import WorkPoint, at_the_tool, half_width, moved
-from gateway.listeners.web.sentences import SaidRow, Sentence, ToldName, at, in_each, told
+from gateway.listeners.web.sentences import Amount, SaidRow, Sentence, ToldName, Word, at, in_each, told
 from gateway.listeners.web.verdict import Colour, Viewpoint, verdict_of
 from gateway.listeners.web.view import listed, shown_course, view
 from gateway.model.codes import NoticeCode
@@ -89,6 +89,10 @@ def test_the_interval_against_the_tolerance_gives_the_colour(tolerance: float, c
     heard.decision(corrected=Z_ONLY, sigma={"EZ0A": 1.0} | dict.fromkeys(("EA0C", "EZ0T", "ER0T"), 0.0))
     verdict = verdict_of(heard.seen, within(tolerance), heard.now_s)
     assert (verdict.colour, verdict.word) == (colour, word)
+    if colour is not Colour.GREEN:
+        order = verdict.because[0].values
+        assert order["axis"] == Word("Z")
+        assert (order["tolerance"], order["met"]) == (Amount(tolerance, "µm", d=0), Amount(5, "µm", d=0))
 
 
 @pytest.mark.parametrize(
@@ -134,6 +138,14 @@ def test_a_gateway_that_is_gone_is_gone_at_once_and_says_when_it_was_heard() -> 
     assert (verdict.colour, verdict.word, verdict.because[0].say) == (Colour.AWAY, "word.gone", "because.gone")
     assert (verdict.because[0].values, verdict.since) == ({"at": at(heard.now)}, heard.now)
     assert view(heard.seen, within(10.0), heard.now_s).axes == ()
+
+
+@pytest.mark.parametrize(("when_stale", "said"), [("zero", "do.taken_back"), ("hold", "do.held"), (None, "do.away")])
+def test_a_gateway_that_is_gone_has_told_what_becomes_of_the_offsets(when_stale: str | None, said: str) -> None:
+    heard = HeardMachine()
+    heard.status(when_stale=when_stale)
+    heard.seen.disappear(heard.now)
+    assert verdict_of(heard.seen, within(10.0), heard.now_s).because[-1].say == said
 
 
 def test_a_machine_that_was_never_heard_says_what_to_do() -> None:
