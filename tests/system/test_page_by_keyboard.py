@@ -103,7 +103,7 @@ def test_clicks_on_a_part_a_sensor_and_a_load_and_two_fingers_on_the_chart_do_wh
                 touch(kind, apart)
 
 
-def test_each_screen_says_since_when_and_the_wheel_turns_to_what_has_no_room(looked_at: PageRig) -> None:
+def test_each_screen_says_since_or_until_when_and_the_wheel_turns_to_what_has_no_room(looked_at: PageRig) -> None:
     with looked_at.page("/machine/mill", 1024, 600) as page:
         page.fill("input[name=tolerance]", "3")  # what would help needs more than one page
         page.keyboard.press("Enter")
@@ -117,3 +117,11 @@ def test_each_screen_says_since_when_and_the_wheel_turns_to_what_has_no_room(loo
             open_screen(page, screen)
             expect(page.locator("#badge a")).to_contain_text(since)
             expect(page.locator("#badge a")).to_be_visible()
+        open_screen(page, "now")
+        page.fill("input[name=tolerance]", "1000")
+        page.keyboard.press("Enter")
+        expect(page.locator("#until")).not_to_be_empty()
+        until = page.locator("#until").inner_text()
+        expect(page.locator("#helps p").first).to_contain_text(until)
+        open_screen(page, "time")
+        expect(page.locator("#badge a")).to_contain_text(until)

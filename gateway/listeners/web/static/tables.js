@@ -22,7 +22,7 @@ const showEvents = () => {
   const lines = shown.map((e) => {
     const row = make("tr"), kindCell = make("td", word(e.kind));
     if (e.mark) kindCell.className = "kind m-" + e.mark;
-    row.append(make("td", e.ended ? `${time(e.t)} – ${time(e.ended)}` : time(e.t), "when"), kindCell, make("td", sentence(e.said)));
+    row.append(make("td", e.ended ? `${time(e.t)} – ${time(e.ended)}` : e.lasts ? word("since.at").replace("{at}", time(e.t)) : time(e.t), "when"), kindCell, make("td", sentence(e.said)));
     if (e.do) row.lastChild.append(make("p", sentence(e.do), "do"));
     return row;
   });

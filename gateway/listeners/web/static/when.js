@@ -28,13 +28,13 @@ const picture = (branches, width, height) => {
     const kind = b.load === "?" ? "asked" : STYLES[Math.min(i, STYLES.length - 1)], known = b.t.flatMap((s, j) => b.high[j] !== null ? [j] : []);
     found.push(drawn("path", { class: `line ${kind}`, d: path(known.map((j) => [b.t[j], b.high[j]])) }));
     if (tolerance && b.turn !== null && b.turn <= HOURS * 3600) found.push(drawn("circle", { class: "ready", cx: x(b.turn), cy: y(tolerance), r: 5 }),
-      drawn("text", { class: b.turn > HOURS * 1800 ? "turn end" : "turn", x: x(b.turn) + (b.turn > HOURS * 1800 ? -8 : 8), y: y(tolerance) - 7 },
+      drawn("text", { class: b.turn > HOURS * 1800 ? "turn end" : "turn", x: x(b.turn) + (b.turn > HOURS * 1800 ? -8 : 8), y: y(tolerance) + (i ? 16 : -7) },
         word(b.high[0] <= tolerance ? "until.at" : "until.ready").replace("{at}", clock.format(began + b.turn * 1e3))));
   });
   for (let s = 0; s <= HOURS * 3600; s += 1800) if (s % 3600 === 0 || width > 440) found.push(drawn("text", { class: s ? s === HOURS * 3600 ? "end" : "mid" : "", x: x(s), y: height - 6 }, clock.format(began + s * 1e3)));
   return found;
 };
-const nameOf = (b) => b.load === "?" ? word("scenario.asked") : b.load || word("scenario.as_now");
+const nameOf = (b) => b.load === "?" ? asked.name : b.load || word("scenario.as_now");
 const show = () => {
   if (!latest) return;
   // A planned load is foreseen as long as the picture is: what else the form says, somebody has to ask for.
@@ -68,13 +68,13 @@ export const showWhen = (v) => {
   show();
 };
 const ask = async () => {
-  const minutes = Number($("warm-minutes").value), parameters = new URLSearchParams({ load: $("warm-load").value, minutes: String(minutes) });
+  const minutes = Number($("warm-minutes").value), name = $("warm-load").selectedOptions[0].textContent, parameters = new URLSearchParams({ load: $("warm-load").value, minutes: String(minutes) });
   if (!$("warm-minutes").reportValidity()) return;
   $("warm-ask").disabled = true;
   const answer = await fetch(`/scenario/${encodeURIComponent(machine)}?${parameters}&${query()}`).catch(() => null);
   $("warm-ask").disabled = false;
   if (answer && answer.ok) {
-    asked = await answer.json();
+    asked = { ...await answer.json(), name };
     $("warm-said").replaceChildren(...say(asked.said));
   } else {
     asked = null;
