@@ -34,6 +34,8 @@ URGENT = frozenset({Why.CALIBRATION, Why.NO_GOOD, Why.RETRY, Why.COMMAND})
 _SPEEDS = ("spindle_speed", "speed_X", "speed_Y", "speed_Z", "speed_A", "speed_C")
 _STILL = 1e-3
 """Speeds below this (1/min, mm/min) count as standstill."""
+_RUNS = frozenset({ProgramState.RUNNING, ProgramState.WAITING})
+"""A program that waits for another channel or axis goes on by itself."""
 
 
 class Moment(StrEnum):
@@ -52,12 +54,12 @@ def moment(before: NcSnapshot | None, now: NcSnapshot) -> Moment:
     control reports in a form that cannot be read.
     """
     turning = any(name in now.not_known or abs(now.states.get(name, 0.0)) > _STILL for name in _SPEEDS)
-    if now.program is ProgramState.RUNNING:
+    if now.program in _RUNS:
         changed = before is not None and before.tool is not None and now.tool is not None and now.tool != before.tool
         return Moment.TOOL_CHANGE if changed else Moment.CUT
     if turning or now.program in (ProgramState.INTERRUPTED, ProgramState.UNKNOWN):
         return Moment.CUT
-    if before is not None and before.program is ProgramState.RUNNING:
+    if before is not None and before.program in _RUNS:
         return Moment.PROGRAM_END
     return Moment.IDLE
 

@@ -44,6 +44,8 @@ def schedule(retries: int = 2) -> ProbingSchedule:
         (CUTTING, replace(CUTTING, program=ProgramState.STOPPED), Moment.CUT),  # stopped with the spindle turning
         (CUTTING, replace(IDLE, program=ProgramState.INTERRUPTED), Moment.CUT),
         (IDLE, replace(IDLE, program=ProgramState.UNKNOWN), Moment.CUT),
+        (CUTTING, replace(IDLE, program=ProgramState.WAITING), Moment.CUT),
+        (replace(IDLE, program=ProgramState.WAITING), IDLE, Moment.PROGRAM_END),
         (IDLE, replace(IDLE, states={"speed_C": 300.0}), Moment.CUT),
         (IDLE, replace(IDLE, states={}), Moment.IDLE),
         (IDLE, replace(IDLE, states={}, not_known={"spindle_speed": "'FAST'"}), Moment.CUT),
