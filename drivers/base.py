@@ -4,7 +4,7 @@ Within one read a driver may wait, ask again or reopen its connection, as far as
 Whoever calls it decides when a device that failed is read again (gateway/acquisition).
 """
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -173,6 +173,10 @@ class Learns(Protocol):
 
     def learnt(self) -> Collection[Text]:
         """What is certain by now and not stated in its settings, each with the key that states it."""
+        ...
+
+    def answers_s(self) -> Mapping[int, float]:
+        """How long each unit that has answered usually takes for its slowest request, s."""
         ...
 
 

@@ -84,6 +84,10 @@ class Patience:
         """How long an answer is waited for that always comes late: that long, within what is reasonable."""
         return min(max(self._longest_s, wanted_s), _MOST_LONGER * self._longest_s)
 
+    def usual_s(self) -> dict[int, float]:
+        """How long each unit that has answered usually takes for its slowest request, s."""
+        return {unit: max(usual.mean_s for usual in list(of.values())) for unit, of in list(self._usual.items())}
+
     def answered(self, unit: int, request: Hashable, took_s: float) -> None:
         """Record an answer that certainly belongs to this request."""
         requests = self._usual.setdefault(unit, {})

@@ -160,6 +160,9 @@ class CanOpenBus:
             *(Text("needs_rest", bus=self.name, unit=node, rest_ms=round(1e3 * rest_s)) for node, rest_s in rests),
         ]
 
+    def answers_s(self) -> Mapping[int, float]:
+        return self._patience.usual_s()
+
     def let_rest(self, node: int, least_s: float) -> None:
         """The node is never asked sooner than this after an answer."""
         self._rests.state(node, least_s)

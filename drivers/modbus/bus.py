@@ -8,7 +8,7 @@ other units share. Sources: MODBUS Application Protocol V1.1b3; MODBUS over seri
 import asyncio
 import struct
 from abc import ABC, abstractmethod
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from contextlib import suppress
 from math import ceil, inf, isinf
 
@@ -122,6 +122,9 @@ class ModbusBus(StreamBus, ABC):
         for unit, rest_s in self._rests.needed_s.items():
             self._learn("needs_rest", unit, rest_ms=round(1e3 * rest_s))
         return self._learnt.values()
+
+    def answers_s(self) -> Mapping[int, float]:
+        return self._patience.usual_s()
 
     def learn_whole(self, unit: int, where: Text) -> None:
         """The unit refuses parts of what it returns as a whole."""

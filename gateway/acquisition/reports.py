@@ -20,6 +20,8 @@ class LineReports:
         self._pace = Pace(line.period_s)
         self._period, self._wire = (Text(code, name=self._bus) for code in (NoticeCode.BUS_PERIOD, NoticeCode.BUS_LINE))
         self._channels: dict[str, Text] = {}
+        self.answers_s: Mapping[int, float] = {}
+        """How long each unit usually takes to answer, where the bus finds it out."""
 
     def failed(self, subject: Text, error: Exception, kind: str = "") -> str:
         """A bus could not be opened, or a device could not be read; returns why, in words.
@@ -74,7 +76,7 @@ class LineReports:
 
     def _learnt_by(self, bus: Learns) -> None:
         try:
-            learnt = bus.learnt()
+            learnt, self.answers_s = bus.learnt(), bus.answers_s()
         except MemoryError:
             raise
         except Exception as error:  # noqa: BLE001 - likewise

@@ -3,7 +3,7 @@
 import logging
 import math
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from drivers.base import BadAnswer, Busy, ConnectError, DriverError, NoAnswer
@@ -95,6 +95,11 @@ class BusRunner:
     def missed(self) -> int:
         """Periods skipped because the previous one took too long."""
         return self._periodic.missed
+
+    @property
+    def answers_s(self) -> Mapping[int, float]:
+        """How long each unit usually takes to answer, s, where the bus finds it out."""
+        return self._reports.answers_s
 
     async def run(self) -> None:
         """Poll until cancelled; then close the devices and the bus."""

@@ -2,7 +2,7 @@
 
 import asyncio
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from math import isnan
@@ -57,11 +57,18 @@ def show(config: GatewayConfig, *, try_writing: bool = False) -> bool:
     for detail in dict.fromkeys(row.detail for row in rows if row.detail):  # a silent device is one problem, not six
         console.print(f"- {detail}", style="red", highlight=False, soft_wrap=True)
     for line in lines:
-        for text in line.bus.learnt() if isinstance(line.bus, Learns) else ():
-            console.print(f"- {text}", highlight=False, soft_wrap=True)
+        if isinstance(line.bus, Learns):
+            for text in (*line.bus.learnt(), *_answers(line.bus.name, line.bus.answers_s())):
+                console.print(f"- {text}", highlight=False, soft_wrap=True)
     bad = sum(not row.quality.usable for row in rows)
     console.print(f"{len(rows) - bad} of {len(rows)} good")
     return bad == 0
+
+
+def _answers(bus: str, answers_s: Mapping[int, float]) -> Iterator[str]:
+    if answers_s:
+        units = ", ".join(f"{1e3 * s:.1f} ms (unit {unit})" for unit, s in answers_s.items())
+        yield f"bus {bus}: an answer takes {units}"
 
 
 async def _rows(config: GatewayConfig, lines: Sequence[Line], *, try_writing: bool) -> list[_ProbedRow]:

@@ -221,6 +221,11 @@ class Service:
         """Number of periods, by bus since its start, without a read because the previous one took too long."""
         return {name: runner.missed for name, runner in self._acquisition.runners.items()}
 
+    @property
+    def answers_s(self) -> Mapping[str, Mapping[int, float]]:
+        """How long each unit usually takes to answer, s, by bus."""
+        return {name: runner.answers_s for name, runner in self._acquisition.runners.items() if runner.answers_s}
+
     async def prepare(self, config: GatewayConfig) -> PreparedReload:
         """Build what applying another checked configuration needs, and change nothing. Raises ReloadError, SetupError.
 

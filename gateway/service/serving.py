@@ -112,6 +112,7 @@ async def serve(
                 stored=rows_of(config.storage.path),
                 report=reports,
                 periods_missed=lambda: service.periods_missed,
+                answers_s=lambda: service.answers_s,
                 clock_known=lambda: service.clock_known,
                 obey=service.obey,
                 scenario=service.scenario,

@@ -179,8 +179,14 @@ class Composer:
             case _:
                 assert_never(event)
 
-    def status(self, state: GatewayState, dropped: Dropped, periods_missed: Mapping[str, int]) -> Keyed:
-        """The state as it is now. periods_missed: by bus."""
+    def status(
+        self,
+        state: GatewayState,
+        dropped: Dropped,
+        periods_missed: Mapping[str, int],
+        answers_s: Mapping[str, Mapping[int, float]],
+    ) -> Keyed:
+        """The state as it is now. periods_missed: by bus; answers_s: by bus and unit."""
         decision = state.decision
         message = StatusMessage(
             *self._stamp(),
@@ -189,6 +195,7 @@ class Composer:
             readings_dropped=dropped.readings,
             messages_dropped=dropped.others,
             periods_missed=dict(periods_missed),
+            answers_s={bus: {str(unit): round(s, 4) for unit, s in of.items()} for bus, of in answers_s.items()},
             config=state.config,
             probing=None if state.outlook is None else _probing_state(state.outlook),
             storage=None if state.storage is None else _storage(state.storage),

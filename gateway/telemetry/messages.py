@@ -310,6 +310,10 @@ class StatusMessage(Message, frozen=True):
         str | None,
         Meta(description="[compensation]: what the control does with the offsets without a gateway, `zero` or `hold`"),
     ] = None
+    answers_s: Annotated[
+        dict[str, dict[str, float]],
+        Meta(description="By bus and unit: how long the answer to its slowest request usually takes"),
+    ] = {}
 
 
 Published = (

@@ -98,6 +98,7 @@ class TelemetryPublisher:
     stored: finds stored rows; None: queries on `stored` are refused
     report: makes the report of a day; None: queries on `report` are refused
     periods_missed: the number of missed periods by bus, for the status
+    answers_s: how long each unit usually takes to answer, s, by bus, for the status
     clock_known: whether the computer's clock is known to be right, for every message
     obey: carries out commands, or refuses them; None: each is refused until the gateway has started
     scenario: computes a scenario in the event loop; None: queries on `scenario` are refused
@@ -117,6 +118,7 @@ class TelemetryPublisher:
         stored: StoredSource | None = None,
         report: ReportSource | None = None,
         periods_missed: Callable[[], Mapping[str, int]] = dict,
+        answers_s: Callable[[], Mapping[str, Mapping[int, float]]] = dict,
         clock_known: Callable[[], bool] = lambda: True,
         obey: Obey | None = None,
         scenario: Scenario | None = None,
@@ -125,7 +127,7 @@ class TelemetryPublisher:
         self._composer = Composer(boot, input_names, clock, simulated=simulated, clock_known=clock_known)
         self._backlog = Backlog(_MOST_LOOSE, _MOST_FIRM, _MOST_FIRM_BYTES, _GATHER_S)
         self._state = GatewayState(commands=bool(settings.operators))
-        self._periods_missed = periods_missed
+        self._periods_missed, self._answers_s = periods_missed, answers_s
         self._last: dict[str, bytes] = {}
         self._last_lock = threading.Lock()
         self._thread = threading.Thread(target=self._send, name="telemetry", daemon=True)
@@ -252,7 +254,7 @@ class TelemetryPublisher:
             self._put_status()
 
     def _put_status(self) -> None:
-        self._put([self._composer.status(self._state, self.dropped, self._periods_missed())])
+        self._put([self._composer.status(self._state, self.dropped, self._periods_missed(), self._answers_s())])
 
     def _put(self, messages: Iterable[Keyed]) -> None:
         encoded = [(suffix, encode(message)) for suffix, message in messages]

@@ -62,7 +62,7 @@ def published() -> list[tuple[str, bytes]]:
 
     def status(decision: Decision, outlook: Outlook | None) -> None:
         state = GatewayState(config="the hash", decision=decision, outlook=outlook)
-        key, message = composer.status(state, Dropped(0, 0), {"rtu1": 3})
+        key, message = composer.status(state, Dropped(0, 0), {"rtu1": 3}, {"rtu1": {7: 0.012}})
         found.append((key, encode(message)))
 
     take(ReadingsTaken([example.READING, example.BAD_READING]))
@@ -108,6 +108,7 @@ def test_every_field_of_the_first_version_is_still_published_with_the_same_value
     for line, (_, payload) in zip(PUBLISHED, now, strict=True):
         assert_kept(json.loads(line.split(" ", 1)[1]), json.loads(payload))
     assert {line.split(" ")[0].split("/")[0] for line in PUBLISHED} <= set(MESSAGE_TYPES)
+    assert b'"answers_s":{"rtu1":{"7":0.012}}' in dict(now)["status"], "a number as the name of a field is text"
 
 
 @pytest.mark.parametrize("line", PUBLISHED)
