@@ -79,12 +79,13 @@ class PolledAgent(PolledControl, AgentAddress):
 
     def settings(self, poses_deg: Poses, states: Iterable[str]) -> AgentSettings:  # noqa: ARG002 - it reports them all
         """The driver's settings for a probing cycle of these poses. Raises SetupError; no network."""
-        return settings_of(AgentSettings, self._given(AgentSettings) | {"poses": len(poses_deg)})
+        return settings_of(AgentSettings, self._given(AgentSettings, poses_deg))
 
-    def _given(self, kind: type[AgentSettings]) -> dict[str, object]:
-        """The driver's settings that are keys of this section."""
+    def _given(self, kind: type[AgentSettings], poses_deg: Poses) -> dict[str, object]:
+        """The driver's settings that are keys of this section, and the poses, which the agent may state too."""
         names = kind.model_fields.keys() & type(self).model_fields.keys()
-        return {name: getattr(self, name) for name in names}
+        poses = {"poses": len(poses_deg), "poses_deg": tuple(poses_deg)}
+        return {name: getattr(self, name) for name in names} | poses
 
     def known_states(self) -> Iterable[str]:
         """Every machine state that can be an input."""
@@ -113,7 +114,7 @@ class LinuxCncNc(PolledAgent):
 
     def settings(self, poses_deg: Poses, states: Iterable[str]) -> LinuxCncSettings:  # noqa: ARG002
         """The same, with the poses of its probing program."""
-        return settings_of(LinuxCncSettings, self._given(LinuxCncSettings) | {"poses": len(poses_deg)})
+        return settings_of(LinuxCncSettings, self._given(LinuxCncSettings, poses_deg))
 
     def known_states(self) -> Iterable[str]:
         """Every machine state that can be an input, or the stated tolerance."""
@@ -127,11 +128,6 @@ class AgentNc(PolledAgent, AgentRequests):
     """`agent`."""
     states: tuple[Name, ...] = ()
     """Machine states that this agent reports beside `spindle_speed`, `speed_X` to `speed_C` and `coolant`."""
-
-    def settings(self, poses_deg: Poses, states: Iterable[str]) -> AgentSettings:  # noqa: ARG002
-        """The same, with the poses, which an agent may state."""
-        chosen = {"poses": len(poses_deg), "poses_deg": tuple(poses_deg)}
-        return settings_of(AgentSettings, self._given(AgentSettings) | chosen)
 
     def known_states(self) -> Iterable[str]:
         """Every machine state that can be an input."""

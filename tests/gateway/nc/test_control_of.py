@@ -12,6 +12,8 @@ from gateway.runtime.clocks import RealClock
 from simulators.nc import Activity, DayPart, EmulatedControl, LoadCase, MeanLoads
 from tests.benches.emulated_bench import Rigid
 from tests.benches.one_device import ONE_DEVICE
+from tests.benches.reference_agent import POSES_DEG, REFERENCE, served_agent
+from tests.benches.refusals import refusing
 
 pytestmark = pytest.mark.simulated_time
 
@@ -71,3 +73,17 @@ def test_a_session_that_writes_ends_long_before_the_control_s_watchdog(writes: b
     assert isinstance(config.nc, SinumerikNc)
     made = config.nc.settings(config.probing.poses_deg, (), writes=writes, watchdog_s=10.0)
     assert made.session_s == session_s
+
+
+@pytest.mark.parametrize("kind", ["agent", "linuxcnc"])
+async def test_a_control_whose_agent_states_other_poses_than_the_configuration_is_refused(
+    kind: str, tmp_path: Path
+) -> None:
+    async with served_agent(REFERENCE.Machine()) as served:
+        agent = served.settings(tmp_path)
+        poses = [list(pose) for pose in (*POSES_DEG[:4], *POSES_DEG[:3:-1])]
+        text = f'{ONE_DEVICE}[nc]\nkind = "{kind}"\nport = {agent.port}\nkey_file = "{agent.key_file}"\n[probing]\n'
+        config = parse(f"{text}poses_deg = {poses}", Path("/srv/talc/gateway.toml"))
+        assert config.nc is not None
+        with refusing(WrongDevice, "agent_pose i=5 found=A_90_C_0 other=A_-90_C_0 agent_poses_hint"):
+            await control_of(config.nc, config, RealClock()).connect()
