@@ -1,12 +1,13 @@
 """`talc-gateway db`: looks after a database, also while a gateway writes to it."""
 
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import click
 
 from gateway.cli.arguments import AnyFile, OldFile, read_config
-from gateway.cli.exits import EXIT_DIFFERENT
+from gateway.cli.exits import EXIT_DIFFERENT, told
 
 Database = click.argument("database", type=OldFile)
 _MB = 1e6
@@ -22,11 +23,18 @@ def db() -> None:
 def check(database: Path) -> None:
     """Read all of DATABASE and say what is damaged: pages, rows, snapshots. Exit code 1: something is damaged."""
     from gateway.storage.damage import damage_found
+    from gateway.storage.faults import DamagedError
     from gateway.storage.history import History
+    from gateway.storage.place import check_left
 
-    with History(database):
+    found = list[str]()
+    try:
+        check_left(database)
+    except DamagedError as error:
+        found.append(told(error))
+    with suppress(DamagedError), History(database):  # raises for what is not a database of this program
         pass
-    found = damage_found(database)
+    found += damage_found(database)
     for text in found:
         click.echo(f"{database}: {text}")
     click.echo(f"{database}: {'damaged' if found else 'whole'}")

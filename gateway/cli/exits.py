@@ -63,17 +63,17 @@ class Commands(CommandsElsewhere):
         try:
             return super().invoke(ctx)
         except _GIVEN_WRONG as error:
-            click.echo(f"error: {_said(error)}", err=True)
+            click.echo(f"error: {told(error)}", err=True)
             sys.exit(EXIT_CONFIG)
         except (DriverError, StoreError, OSError) as error:
-            click.echo(f"error: {_said(error)}", err=True)
+            click.echo(f"error: {told(error)}", err=True)
             sys.exit(EXIT_WORLD)
         except BaseExceptionGroup as group:
             known, other = group.split((DriverError, StoreError, OSError))
             if known is None or other is not None:
                 raise
             for leaf in _leaves(known):
-                click.echo(f"error: {_said(leaf)}", err=True)
+                click.echo(f"error: {told(leaf)}", err=True)
             sys.exit(EXIT_WORLD)
         except Exception as error:
             if _is_lack_of_memory(error):
@@ -118,7 +118,7 @@ def _begins(path: Path) -> bytes:
         return file.read(len(_DATABASE))
 
 
-def _said(error: BaseException) -> str:
+def told(error: BaseException) -> str:
     """In the terminal's language."""
     language = language_wanted(os.environ)
     return error.in_language(language) if isinstance(error, ConfigError) else text_of(error).in_language(language)

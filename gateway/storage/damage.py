@@ -5,6 +5,7 @@ gateway. SQLite keeps no checksums of its pages: a bit that flips within a numbe
 """
 
 import json
+import re
 import sqlite3
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -20,7 +21,7 @@ from gateway.config.outline import inputs_of_config
 from gateway.storage import rows
 from gateway.storage.epochs import check_epoch
 from gateway.storage.learnt import parse_learnt
-from gateway.storage.schema import NEW, UNREADABLE
+from gateway.storage.schema import NEW, UNREADABLE, shown_as
 from gateway.storage.snapshot import marks_of
 
 _NOT_COPIED = ("reading", "minute", "mark", "thinned", "recent_minute", "gathered", "reading_block")
@@ -42,7 +43,7 @@ def contradiction(connection: sqlite3.Connection) -> str:
     for table in checked_columns():
         (found,) = connection.execute(f"PRAGMA integrity_check({table})").fetchone()
         if found != "ok":
-            return f"{table}: {found}"
+            return f"{shown_as(table)}: {found}"
     return ""
 
 
@@ -84,14 +85,24 @@ def damage_found(path: Path) -> list[str]:
         source.text_factory = any_text
         try:
             pages = source.execute("PRAGMA integrity_check(20)").fetchall()
-            found += [str(text) for (text,) in pages if text != "ok"]
+            roots = dict(source.execute("SELECT rootpage, tbl_name FROM sqlite_master").fetchall())
+            found += [_named(str(text), roots) for (text,) in pages if text != "ok"]
             for table in checked_columns():
-                bad[table] += sum(not is_whole(table, row) for row in source.execute(f"SELECT * FROM {table}"))
+                bad[shown_as(table)] += sum(
+                    not is_whole(table, row) for row in source.execute(f"SELECT * FROM {table}")
+                )
         except UNREADABLE as error:
             found.append(str(error))
     return found + [
-        f"{table}: {many} rows hold values that this gateway never writes" for table, many in bad.items() if many
+        f"{name}: {many} rows hold values that this gateway never writes" for name, many in bad.items() if many
     ]
+
+
+def _named(found: str, roots: Mapping[int, str]) -> str:
+    """SQLite's sentence, which says at which page a table begins, after what the table is."""
+    at = re.search(r"[Tt]ree (?:page )?(\d+)", found)
+    table = roots.get(int(at[1])) if at else None
+    return f"{shown_as(table)}: {found}" if table else found
 
 
 def inputs_of_run(config: str) -> int | None:

@@ -21,7 +21,7 @@ from gateway.storage.faults import StoreError
 from gateway.storage.pages import first_id
 from gateway.storage.placing import placed_frames, placed_step
 from gateway.storage.readings import EARLIER, counts
-from gateway.storage.schema import READABLE, SCHEMA_VERSION, unusable
+from gateway.storage.schema import EXPORTED, READABLE, SCHEMA_VERSION, shown_as, unusable
 from gateway.storage.stored import StoredCompensation, StoredMeasurement, StoredRun, StoredStep
 from talc.explanation import Reasons
 from talc.frame import Event, EventKind, Frames, Why
@@ -33,14 +33,6 @@ _WIDER = timedelta(minutes=2)
 """Rows of one moment may be stored in another order."""
 TimeSpan = tuple[datetime, datetime]
 """From one instant on, until before another."""
-_EXPORTED = {
-    "reading": "readings", EARLIER: "readings", "minute": "minutes", "frame": "steps", "measurement": "measurements",
-    "model": "models", "event": "events", "compensation": "compensation", "command": "commands", "boot": "runs",
-    "reasons": "reasons",
-}  # fmt: skip
-"""Each table whose rows are exported, and as what."""
-_PART_OF = {"decision": "steps", "trust": "steps", "reading_block": "readings", "recent_minute": "readings"}
-"""What is stored beside them."""
 
 
 def _opened(path: Path) -> sqlite3.Connection:
@@ -414,14 +406,14 @@ class History:
         bytes_of = dict(
             self._connection.execute(
                 "SELECT m.tbl_name, sum(s.pgsize) FROM dbstat s JOIN sqlite_master m ON m.name = s.name"
-                " WHERE s.aggregate GROUP BY 1"
+                " WHERE s.aggregate = TRUE GROUP BY 1"
             ).fetchall()
         )
         many, size = Counter[str](), Counter[str]()
         for n in names:
-            if n in _EXPORTED:
-                many[_EXPORTED[n]] += self._connection.execute(f'SELECT count(*) FROM "{n}"').fetchone()[0]
-            size[_EXPORTED.get(n, _PART_OF.get(n, "other"))] += bytes_of.get(n, 0)
+            if n in EXPORTED:
+                many[EXPORTED[n]] += self._connection.execute(f'SELECT count(*) FROM "{n}"').fetchone()[0]
+            size[shown_as(n)] += bytes_of.get(n, 0)
         return [(n, many[n], held) for n, held in size.most_common()]
 
     def span(self) -> tuple[int | None, int | None]:

@@ -7,10 +7,12 @@ from contextlib import closing
 from functools import cache
 from pathlib import Path
 
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 from gateway.storage.answers import long_work
 from gateway.storage.faults import DamagedError, StoreError
 from gateway.storage.migration import STEPS, migrate
-from gateway.storage.readings import TABLES
+from gateway.storage.readings import EARLIER, TABLES
 
 SCHEMA_VERSION = 4
 _PAGE = 4096
@@ -76,8 +78,22 @@ CREATE INDEX IF NOT EXISTS event_kind ON event (kind);
 NEW = f"BEGIN;{_SCHEMA}{ADDED}PRAGMA user_version = {SCHEMA_VERSION};PRAGMA application_id = {MARK};COMMIT;"
 """Makes all tables of a new file in one transaction: a power cut leaves either no table or all of them."""
 
+EXPORTED = {
+    "reading": "readings", EARLIER: "readings", "minute": "minutes", "frame": "steps", "measurement": "measurements",
+    "model": "models", "event": "events", "compensation": "compensation", "command": "commands", "boot": "runs",
+    "reasons": "reasons",
+}  # fmt: skip
+"""Each table whose rows are exported, and as what."""
+_PART_OF = {"decision": "steps", "trust": "steps", "reading_block": "readings", "recent_minute": "readings"}
+"""What is stored beside them."""
+
 UNREADABLE = (sqlite3.Error, UnicodeDecodeError)
 """What reading a damaged file raises: SQLite's own messages may contain what is in it."""
+
+
+def shown_as(table: str) -> str:
+    """What people are told that a table is; `other`: only the gateway uses it."""
+    return EXPORTED.get(table, _PART_OF.get(table, "other"))
 
 
 def connect(path: Path, patience_s: float = 10.0) -> sqlite3.Connection:
@@ -108,6 +124,8 @@ def is_damage(error: BaseException) -> bool:
 def unusable(path: Path, error: Exception) -> StoreError:
     """What to say of a file that SQLite could not open or read."""
     if is_damage(error):
+        if looks_like_a_database(path):
+            return DamagedError(Text(NoticeCode.DATABASE_IS_DAMAGED, path=str(path), found=str(error)))
         return StoreError(f"{path}: is not a database of this gateway: {error}")
     if not os.access(path.parent, os.W_OK):
         remedy = f"the folder {path.parent} cannot be written, and SQLite needs two files beside the database"

@@ -157,6 +157,8 @@ def test_stats_tell_rows_and_sizes(running: Path) -> None:
     assert answer.code == 0, answer.together
     counts = {line.split()[0]: line.split()[1] for line in answer.together.splitlines()}
     assert (counts["steps"], counts["readings"], counts["measurements"]) == (str(STEPS), str(STEPS), "1")
+    sizes = [float(line.split()[-1]) for line in answer.together.splitlines()[1:] if "." in line.split()[-1]]
+    assert sum(sizes) > 0.02
     assert f"steps 0 to {STEPS - 1}" in answer.together
 
 
@@ -167,7 +169,7 @@ def test_check_finds_invalid_rows_and_passes_a_whole_database(running: Path) -> 
         connection.execute("UPDATE frame SET inputs = x'00' WHERE k = 3")
     answer = here("db", "check", running)
     assert answer.code == 1
-    assert "frame: 1 rows hold values that this gateway never writes" in answer.together
+    assert f"{running}: steps: 1 " in answer.together, "as `db stats` calls them"
 
 
 def test_check_names_a_damaged_page_of_readings(running: Path) -> None:
@@ -188,6 +190,7 @@ def test_of_a_damaged_database_each_command_says_so_and_what_to_do(damage: str, 
     assert here("db", "backup", running, "-o", copy).code == 0
     if damage == "cut":
         copy.write_bytes(copy.read_bytes()[:-4096])
+        assert here("db", "check", copy).code == 1
     elif damage == "no JSON":
         with closing(sqlite3.connect(copy)) as connection, connection:
             connection.execute("UPDATE decision SET events = '[{' WHERE k = 3")
