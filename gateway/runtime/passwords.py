@@ -49,7 +49,7 @@ class GuessingBrake:
 
     def wait_s(self, name: str, now_s: float, address: str = "") -> float:
         """How long until a password for this name from this address is checked; 0: now."""
-        until_s = max(self._wrong.get(who, (0, now_s))[1] for who in _who(name, address))
+        until_s = max((self._wrong[who][1] for who in _who(name, address) if who in self._wrong), default=now_s)
         many = len(self._checked_s) == _MOST
         return max(0.0, until_s - now_s, self._checked_s[0] + _WITHIN_S - now_s if many else 0.0)
 
@@ -77,7 +77,7 @@ class GuessingBrake:
 
 def _who(name: str, address: str) -> tuple[str, ...]:
     """What is counted; a name holds no colon."""
-    return (name, f":{address}") if address else (name,)
+    return tuple(who for who in (name, f":{address}" if address else "") if who)
 
 
 def make_hash(password: str) -> str:

@@ -5,6 +5,7 @@ import hmac
 import logging
 import os
 from collections.abc import Callable, Mapping
+from contextvars import ContextVar
 from time import monotonic
 
 from asyncua.crypto.permission_rules import User, UserRole
@@ -16,6 +17,9 @@ from gateway.model.text import Text
 from gateway.runtime.passwords import GuessingBrake, matches
 
 log = logging.getLogger(__name__)
+
+calling = ContextVar("calling", default="")
+"""The address of the client that is served."""
 
 
 class Readers(UserManager):
@@ -46,22 +50,23 @@ class Readers(UserManager):
         """A user without any right but reading; None: the session is refused."""
         if not self._users:
             return User(role=UserRole.User)
-        known = self._users.get(username or "")
-        if username is None or known is None or password is None or not self._is_right(username, password, known):
+        if username is None or password is None or not self._is_right(username, password):
             return None
         return User(role=UserRole.User, name=username)
 
-    def _is_right(self, name: str, password: str, known: str) -> bool:
+    def _is_right(self, name: str, password: str) -> bool:
         digest = hmac.digest(self._secret, password.encode(), hashlib.sha256)
         if hmac.compare_digest(digest, self._right.get(name, b"")):
             return True
-        now_s = self._now_s()
-        if self._brake.wait_s(name, now_s) > 0.0:
+        now_s, address, known = self._now_s(), calling.get(), self._users.get(name)
+        if self._brake.wait_s(name, now_s, address) > 0.0:
             return False
-        right = matches(password, known)
-        pause_s = self._brake.tried(name, now_s, right=right)
+        right = known is not None and matches(password, known)
+        pause_s = self._brake.tried(name, now_s, right=right, address=address, checked=known is not None)
         if right:
             self._right[name] = digest
         elif pause_s:
-            log.warning("%s", Text(NoticeCode.PASSWORD_WRONG_AGAIN, user=name, pause_s=pause_s))
+            log.warning(
+                "%s", Text(NoticeCode.PASSWORD_WRONG_AGAIN, user=repr(name)[:64], address=address, pause_s=pause_s)
+            )
         return right

@@ -18,7 +18,7 @@ from asyncua.ua.uaerrors import UaError
 from drivers.opcua.certificates import application_uri, check_key, valid_certificate
 from drivers.section import host_and_port
 from gateway.listeners.umati.model import URIS, machine_nodes
-from gateway.listeners.umati.readers import Readers
+from gateway.listeners.umati.readers import Readers, calling
 from gateway.listeners.umati.settings import OpcUaServing, ServerSecurity, ShownMachine
 from gateway.listeners.umati.space import AddressSpace
 from gateway.listeners.umati.standard import LightServer
@@ -167,6 +167,16 @@ class _GuardedBinaryServer(BinaryServer):
         self.hostname, self.port = listening.getsockname()[:2]
         loop = asyncio.get_running_loop()
         self._server = await loop.create_server(self._make_protocol, sock=listening, backlog=ACCEPTED_AT_ONCE)
+        self.cleanup_task = asyncio.create_task(self._close_task_loop())
+
+    def _make_protocol(self) -> OPCUAProtocol:
+        return _Connection(self.iserver, self._policies, self.clients, self.closing_tasks, self.limits)
+
+
+class _Connection(OPCUAProtocol):
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        calling.set(transport.get_extra_info("peername")[0])  # for the task that the library begins here
+        super().connection_made(transport)
 
 
 class _SessionSocket(GuardedSocket):

@@ -180,7 +180,8 @@ class Guard:
                 self._known.popitem(last=False)
             return user
         if pause_s:
-            log.warning("%s", Text(NoticeCode.PASSWORD_WRONG_AGAIN, user=repr(user)[:64], pause_s=pause_s))
+            given_for = repr(user)[:64]
+            log.warning("%s", Text(NoticeCode.PASSWORD_WRONG_AGAIN, user=given_for, address=address, pause_s=pause_s))
         return 0.0
 
 

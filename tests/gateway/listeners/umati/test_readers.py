@@ -6,7 +6,7 @@ from base64 import b64encode
 import pytest
 from asyncua.server.internal_server import InternalServer
 
-from gateway.listeners.umati.readers import Readers
+from gateway.listeners.umati.readers import Readers, calling
 
 
 def cheap_hash(password: str) -> str:
@@ -25,8 +25,12 @@ class Door:
         users = {name: cheap_hash(password) for name, password in names.items()}
         self.readers = Readers(users, lambda: self.now_s)
 
-    def opens(self, name: str | None, password: str | None) -> bool:
-        return self.readers.get_user(self.server, name, password) is not None
+    def opens(self, name: str | None, password: str | None, address: str = "") -> bool:
+        called = calling.set(address)
+        try:
+            return self.readers.get_user(self.server, name, password) is not None
+        finally:
+            calling.reset(called)
 
 
 @pytest.fixture
@@ -65,6 +69,13 @@ def test_twenty_passwords_a_minute_are_checked_of_all_names_together(door: Door)
     assert not door.opens("ben", "also right")
     door.now_s += 1.5
     assert door.opens("ben", "also right")
+
+
+def test_after_five_wrong_names_from_an_address_no_password_is_looked_at_from_there(door: Door) -> None:
+    for n in range(9):
+        assert not door.opens(f"nobody{n}", "wrong", f"192.168.1.{n % 2}")
+    assert not door.opens("anna", "right", "192.168.1.0")
+    assert door.opens("anna", "right", "192.168.1.1")
 
 
 @pytest.mark.parametrize(
