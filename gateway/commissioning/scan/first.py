@@ -203,7 +203,11 @@ def _control(control: ControlAnswers, items: SuggestedItems) -> str:
             f"host = {toml_value(control.host)}",
             f"key_file = {toml_value(control.key_file)}  # CONFIRM: copy the agent's key to there, chmod 600",
         ]
-        poses = "those of talc_poses.ngc" if control.kind == "linuxcnc" else "CONFIRM: A and C of each of its poses"
+        poses = (
+            "those of [TALC] in LinuxCNC's INI file"
+            if control.kind == "linuxcnc"
+            else "CONFIRM: A and C of each of its poses"
+        )
     else:
         folder = Path(control.folder)
         nc = ['kind = "sinumerik"', f"url = {toml_value(control.url)}"]
