@@ -1,5 +1,6 @@
 """Files that a connection's settings name: passwords, tokens, and certificates of authorities."""
 
+import grp
 import stat
 from collections.abc import Iterator
 from datetime import timedelta
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
 
 ENDS_SOON: Final = timedelta(days=30)
 """A certificate that ends within this time is reported."""
+SHARING_GROUP: Final = "talc-gateway"
+"""The Debian package's group: the gateway, and the programs beside it, which connect to it with its own keys."""
 
 
 def unusable_file(field: str, path: Path | None, error: Exception, device: str = "") -> SetupError:
@@ -45,9 +48,18 @@ def trust_in(authority: Path | None) -> "ssl.SSLContext":
 def secret_cautions(path: Path) -> Iterator[str]:
     """Why this file with a secret is not as it should be."""
     try:
-        mode = path.stat().st_mode
+        found = path.stat()
     except OSError as error:
         yield f"'{path}' cannot be read: {error.strerror}"
     else:
-        if mode & (stat.S_IRGRP | stat.S_IROTH):
+        others = stat.S_IROTH if _group(found.st_gid) == SHARING_GROUP else stat.S_IRGRP | stat.S_IROTH
+        if found.st_mode & others:
             yield f"'{path}' can be read by other users; chmod 600"
+
+
+def _group(number: int) -> str:
+    """Its name; empty if it has none."""
+    try:
+        return grp.getgrgid(number).gr_name
+    except KeyError:
+        return ""

@@ -94,7 +94,7 @@ class TelemetryTls(Section):
     """Certificate of this gateway, needed to listen on `tls/…`, and shown to a router that asks for one; see `mutual`.
     It must name the host or address by which others connect."""
     key: FilePath | None = None
-    """Private key of `certificate`, readable only by the gateway."""
+    """Private key of `certificate`, readable only by the gateway and the programs beside it."""
     authority: FilePath | None = None
     """Certificates of the authorities that must have issued the others' certificates; needed to connect to `tls/…` and
     for `mutual`."""
@@ -119,7 +119,7 @@ class Operator(Section):
     """File with the key that proves who gives a command: 32 characters or more, known only to the gateway and the
     person."""
     may: tuple[CommandName, ...] = Field(min_length=1)
-    """The commands that this person may give."""
+    """The commands that this person may give, such as `["measure", "pause"]`."""
 
 
 class Telemetry(Section):

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from cryptography.x509 import load_pem_x509_certificate
 
+from drivers.credential_files import secret_cautions
 from gateway.config.file import parse
 from gateway.config.model import GatewayConfig
 from gateway.config.rules import cautions
@@ -172,6 +173,17 @@ def test_what_is_less_safe_than_it_could_be_is_a_warning(tmp_path: Path) -> None
     ):
         assert f"warning: gateway.toml: [telemetry] {said}" in output
     assert not [caution for caution in cautions(config("")) if "telemetry" in str(caution)]
+
+
+@pytest.mark.parametrize(("mode", "warned"), [(0o640, False), (0o644, True)])
+def test_the_group_of_the_programs_beside_the_gateway_may_read_a_secret(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, mode: int, warned: bool
+) -> None:
+    users = tmp_path / "users"
+    users.write_text("alice:wonderland\n")
+    users.chmod(mode)
+    monkeypatch.setattr("drivers.credential_files.SHARING_GROUP", users.group())
+    assert bool(list(secret_cautions(users))) is warned
 
 
 @pytest.mark.parametrize(
