@@ -8,7 +8,7 @@ from typing import ClassVar, Literal, Self
 from pydantic import ValidationInfo, field_validator, model_validator
 
 from drivers.bus_settings import BusSettings, BusWire, Here
-from drivers.section import NotEmpty, Port, name_beside_the_file, wrong
+from drivers.section import AnswerTime, NotEmpty, Port, name_beside_the_file, wrong
 from drivers.text import Text, shown
 
 Interface = Literal["socketcan", "slcan", "udp_multicast", "virtual"]
@@ -71,13 +71,13 @@ class CanInterfaceSettings(BusSettings):
 
 
 class CanSettings(CanInterfaceSettings):
-    """Devices on a CAN bus that send without being asked, described by a DBC file.
-
-    `timeout_s`: how old a frame may be, at most three times `period_s`.
-    """
+    """Devices on a CAN bus that send without being asked, described by a DBC file."""
 
     bus_kind: ClassVar[str] = "can"
     only_listens: ClassVar[bool] = True
+
+    timeout_s: AnswerTime = 0.5
+    """How old a frame may be, at most three times `period_s`."""
 
     def timeout_is_age(self, options: Iterable[Mapping[str, object]]) -> bool:  # noqa: ARG002 - there are none
         """Always."""

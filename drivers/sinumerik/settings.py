@@ -75,7 +75,7 @@ class Paths(Section):
     weight: NumberedPath = "/NC/_N_NC_SEA_ACX/$SN_CEC_TABLE_WEIGHT[{n}]"
     """Weight of a sag compensation table, SD41310; `{n}` stands for the table's number from 1 on."""
     mode: NodePathOrNone = "/Bag/State/opMode[u1]"
-    """Operating mode: 0 JOG, 1 MDA, 2 AUTO. Empty: not read; likewise for the next three."""
+    """Operating mode: 0 JOG, 1 MDA, 2 AUTO. Empty: not read; likewise for the next two."""
     program: NodePathOrNone = "/Channel/State/progStatus[u1]"
     """State of the program: 1 interrupted, 2 stopped, 3 running, 4 waiting, 5 aborted."""
     tool: NodePathOrNone = "/Channel/State/actTNumber[u1]"
@@ -90,7 +90,7 @@ class Paths(Section):
     """A bit of the machine builder's PLC program, such as `/Plc/M120.1`; there is no standard one."""
     metric: NodePathOrNone = "/NC/_N_NC_TEA_ACX/$MN_SCALING_SYSTEM_IS_METRIC"
     """Whether the control's basic system is metric, MD10240: with an inch system nothing is used and nothing written.
-    Needs the right TeaRead. Empty: not read; then set it by what the control shows."""
+    Needs the right TeaRead. Empty: not read, for a control that is known to be metric."""
     drives_on: NodePathOrNone = ""
     """A bit that is on while the drives are, such as `/Plc/M120.2`; there is no standard one. While it is off no offset
     is written. Empty: not read."""
@@ -113,7 +113,8 @@ def default_states(axis_numbers: Mapping[str, int]) -> dict[str, StateNode]:
 
 
 class Handshake(Section):
-    """R-parameters of the probing handshake (docs/nc.md). The gateway writes the first four, the control the rest."""
+    """R-parameters of the probing handshake (docs/nc.md). The gateway writes the first four, and `version` before a dry
+    run; the control writes the others."""
 
     request: RNumber = 60
     """Number of the request, 1 to 2147483647, never the same twice in a row."""
@@ -158,7 +159,8 @@ class OffsetRoute(Section):
     travel_mm: tuple[tuple[float, float], tuple[float, float], tuple[float, float]] | None = None
     """Routes `k0_slope` and `errors`: travel of X, Y, Z in machine coordinates; bound and slew hold over all of it."""
     axis_names: Mapping[str, str] = Field(default_factory=lambda: {"X": "X", "Y": "Y", "Z": "Z", "A": "A"})
-    """Route `errors`: identifiers of the machine axes X, Y, Z, A on the control (MD10000), such as `{X = "X1", ...}`"""
+    """Route `errors`: identifiers of the machine axes X, Y, Z, A on the control (MD10000), such as `{X = "X1", ...}`.
+    None: X, Y, Z and A."""
     synchronised: Mapping[str, str] = Field(default_factory=dict)
     """Route `errors`: identifier of the synchronised axis of a gantry, such as `{X = "X2"}`; it gets the same offset in
     the same cycle. The other routes write one axis after the other, which would set the gantry askew."""

@@ -23,15 +23,16 @@ reports every mistake with file, field, value and what is expected.
 
 A fingerprint identifies the configuration in use: SHA-256 of the configuration with all defaults written out, so
 comments and layout do not matter and a changed default does. It includes the files of your own profiles, the DBC files
-that they name, and the file of `[talc] prior`. The key `status` publishes the fingerprint as `config` at the start and
-after every effective reload. The database keeps each one with its time.
+that they name, and the file of `[talc] prior`. The key `status` publishes it as `config`. The database keeps each one
+with its time.
 
 **Reload.** On SIGHUP `talc-gateway run` reads its file again. It checks the whole file first. Then it closes and
 reopens only the buses that changed (themselves, their devices, the files of your own profiles, or the limits of their
 channels); the others keep their period. Changes to anything that the models and the NC depend on need a restart: the
 names and order of the channels, `[machine]`, `[grid]`, `[storage]`, `[telemetry]`, `[metrics]`, `[[state]]`,
-`[[planned_load]]`, `[nc]`, `[probing]`, `[compensation]`, `[talc]` and `[sensor_check]`. A file that cannot be applied,
-or judged within 10 s of processor time and 300 MB, changes nothing, and the log says why.
+`[[planned_load]]`, `[nc]`, `[probing]`, `[compensation]`, `[talc]`, the file of its `prior`, and `[sensor_check]`. A
+file that cannot be applied, or judged within 30 s, 10 s of processor time and 300 MB, changes nothing, and the log says
+why.
 """
 
 
@@ -115,7 +116,9 @@ def _members(
         if not isinstance(holder, dict):
             continue
         if "$ref" in holder:
-            yield definitions[str(holder["$ref"]).rsplit("/", 1)[-1]]
+            found = definitions[str(holder["$ref"]).rsplit("/", 1)[-1]]
+            if "properties" in found:  # otherwise one of several words
+                yield found
         for choice in (c for union in ("anyOf", "oneOf", "allOf") for c in holder.get(union, ())):
             yield from _members(choice, definitions)
 

@@ -149,7 +149,7 @@ class Limits(Section):
 
 
 class Probing(Section):
-    """The probing cycle: six poses of the rotary axes, one sphere."""
+    """The probing cycle: poses of the rotary axes, one sphere."""
 
     armed: bool = False
     """Whether the gateway may request cycles from the NC. False: no cycle is requested, and nothing is learnt."""
@@ -196,7 +196,7 @@ class Probing(Section):
     enough. Measurements in calibration, in `no_good` and repeats do not wait."""
     insist_after_s: NotNegative = 1800.0
     """After this time the cycle is requested whatever the machine is doing, and the operator is informed. The control
-    still probes at a safe point only."""
+    still probes at a safe point only. A new reference still waits until no program runs."""
     urgent_excess: Annotated[float, Field(ge=1)] = 2.0
     """A measurement does not wait for a better moment while the uncertainty of an estimate (95 %) is more than this
     many times as large as its action control limit, as on a machine that is new to the gateway and warms up. The
@@ -222,7 +222,8 @@ class Compensation(Section):
     stale_after_s: Positive = 900.0
     """A prediction older than this is no longer used. With an `[nc]`, more than the grid step."""
     inputs_stale_after_s: Positive = 1800.0
-    """How long an input of a live model may be without a good value; meanwhile its last good value is used."""
+    """How long an input of a live model may be without a good value; meanwhile the learner estimates it from the
+    others, and trained models use its last good value."""
     measurement_stale_after_s: Positive = 57600.0
     """How long an error without a model is corrected by its last measurement; after that the error is unknown, and
     `when_stale` decides. The default is four times the learner's longest interval."""

@@ -261,6 +261,10 @@ def test_reference_is_the_program_s() -> None:
     assert page == reference(), "run: python -m gateway.config.reference > docs/configuration.md"
 
 
+def test_a_list_of_words_is_a_key_of_the_reference() -> None:
+    assert "| `may` | list | required |" in reference()
+
+
 def test_every_key_of_the_reference_says_what_it_means() -> None:
     rows = [line for line in reference().splitlines() if line.startswith("| `")]
     assert len(rows) > 60
