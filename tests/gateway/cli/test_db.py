@@ -162,16 +162,6 @@ def test_stats_tell_rows_and_sizes(running: Path) -> None:
     assert f"steps 0 to {STEPS - 1}" in answer.together
 
 
-def test_the_sizes_of_the_tables_add_up_to_the_file(running: Path) -> None:
-    copy = running.with_name("copy.sqlite")
-    assert here("db", "backup", running, "-o", copy).code == 0
-    with History(copy) as history:
-        sizes = [held for _, _, held in history.sizes()]
-        whole = copy.stat().st_size - history.free_bytes()
-    assert sizes == sorted(sizes, reverse=True)
-    assert 0.9 * whole < sum(sizes) <= whole, "the schema has a page of its own"
-
-
 def test_check_finds_invalid_rows_and_passes_a_whole_database(running: Path) -> None:
     answer = here("db", "check", running)
     assert (answer.code, answer.together) == (0, f"{running}: whole\n")
