@@ -164,39 +164,48 @@ def _check_columns(path: Path, connection: sqlite3.Connection) -> None:
             raise DamagedError(f"{path}: table {table} has other columns than this program made: {other}")
 
 
+def _version_of(path: Path) -> tuple[int, int]:
+    """Schema version and mark of a file that this program may write; 0 and 0: a new one. Raises StoreError.
+
+    On a connection of its own: `connect` changes the file, whosever it is.
+    """
+    with closing(sqlite3.connect(path, timeout=10.0)) as connection:
+        version, mark = (connection.execute(f"PRAGMA {n}").fetchone()[0] for n in ("user_version", "application_id"))
+        tables = {name for (name,) in connection.execute("SELECT name FROM sqlite_master")}
+    if mark == MARK and version != SCHEMA_VERSION:
+        raise DamagedError(f"{path}: states schema version {version}, but was written with another")
+    if tables and (version == 0 or (mark >> 8 != MARK >> 8 and "boot" not in tables)):
+        raise StoreError(f"{path}: is the database of another program; give [storage] another path")
+    if version not in (0, SCHEMA_VERSION, *STEPS):
+        raise StoreError(
+            f"{path}: schema version {version}, this program supports {SCHEMA_VERSION}; use a newer program, or move "
+            "the file away to start a new one"
+        )
+    return version, mark
+
+
 def make_schema(path: Path) -> Path | None:
-    """Make the tables in a new file; bring those of an earlier version to this one.
+    """Make the tables in a new file; bring those of an earlier version to this one. Another program's file stays as it
+    is.
 
     Returns the backup of what was migrated. Raises StoreError.
     """
     backup = None
     try:
+        version, mark = _version_of(path)
         with closing(connect(path)) as connection:
-            version = connection.execute("PRAGMA user_version").fetchone()[0]
-            mark = connection.execute("PRAGMA application_id").fetchone()[0]
-            if mark == MARK and version != SCHEMA_VERSION:
-                raise DamagedError(f"{path}: states schema version {version}, but was written with another")
-            foreign = version == 0 and connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
-            if version == 0 and not foreign:
+            if version == 0:
                 connection.executescript(NEW)
+                return None
             if version in STEPS:
                 with long_work():
                     backup = migrate(path, connection, version)
-                version = SCHEMA_VERSION
-            if version == SCHEMA_VERSION:
-                connection.executescript(ADDED)
-                _check_columns(path, connection)
-                if mark == 0:
-                    connection.execute(f"PRAGMA application_id = {MARK}")
+            connection.executescript(ADDED)
+            _check_columns(path, connection)
+            if mark == 0:
+                connection.execute(f"PRAGMA application_id = {MARK}")
     except UNREADABLE as error:
         if is_damage(error) and looks_like_a_database(path):
             raise DamagedError(f"{path}: is not a database of this gateway: {error}") from error
         raise unusable(path, error) from error
-    if foreign:
-        raise StoreError(f"{path}: is the database of another program; give [storage] another path")
-    if version not in (0, SCHEMA_VERSION):
-        raise StoreError(
-            f"{path}: schema version {version}, this program supports {SCHEMA_VERSION}; use a newer program, or move "
-            "the file away to start a new one"
-        )
     return backup

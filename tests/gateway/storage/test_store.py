@@ -307,8 +307,12 @@ def test_files_that_are_not_ours_are_refused_and_left_alone(tmp_path: Path) -> N
     with closing(sqlite3.connect(foreign)) as connection:
         connection.execute("CREATE TABLE customer (name TEXT)")
         connection.commit()
-    with pytest.raises(StoreError, match="database of another program"):
-        store_at(foreign)
+        for version in (0, 1, 4):
+            connection.execute(f"PRAGMA user_version = {version}")
+            before = foreign.read_bytes()
+            with pytest.raises(StoreError, match="database of another program"):
+                store_at(foreign)
+            assert foreign.read_bytes() == before
     newer = tmp_path / "newer.sqlite"
     with closing(sqlite3.connect(newer)) as connection:
         connection.execute("PRAGMA user_version = 99")
