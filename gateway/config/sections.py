@@ -45,7 +45,7 @@ class Storage(Section):
     """SQLite database; a relative path starts at the configuration's folder."""
     keep_samples_days: KeptDays = 7.0
     """After this many days of running, raw readings are thinned to minute statistics, and compensation steps and
-    reasons are deleted; 30 channels at 1 Hz take about 80 MB a day. Frames and decisions (0.3 MB a day), measurements,
+    reasons are deleted; 30 channels at 1 Hz take about 95 MB a day. Frames and decisions (0.2 MB a day), measurements,
     models and events are kept."""
     keep_minutes_days: KeptDays = 400.0
     """After this many days of running, the minute statistics are deleted; 30 channels take about 2 MB a day."""

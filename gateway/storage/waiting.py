@@ -14,7 +14,7 @@ class WaitingKind(Enum):
     """Kinds of rows, and how many of each may wait; beyond that the oldest are dropped. None: all wait."""
 
     KEPT = None
-    """Frames, decisions, measurements, models, configurations: a decision or a measurement is never dropped. About 0.3
+    """Frames, decisions, measurements, models, configurations: a decision or a measurement is never dropped. About 0.2
     MB a day."""
     READINGS = 100_000
     """Raw readings: an hour of 28 channels at 1 Hz."""
