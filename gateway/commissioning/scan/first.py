@@ -219,7 +219,7 @@ def _control(control: ControlAnswers, items: SuggestedItems) -> str:
             ]
         files = (
             ("certificate", "gateway.der", "the gateway's; the control must trust it"),
-            ("private_key", "gateway.pem", "its key, chmod 600"),
+            ("private_key", "gateway_key.pem", "its key, chmod 600"),
             ("server_certificate", "control.der", "copied from the control, so that no other is accepted"),
         )
         nc += [

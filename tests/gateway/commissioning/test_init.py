@@ -51,7 +51,7 @@ async def encrypted_control(folder: Path) -> AsyncIterator[str]:
         await setup_self_signed_certificate(
             folder / f"{name}.pem", folder / f"{name}.der", uri, "localhost", usage, {"commonName": name}
         )
-    for name, text in (("nc-password", "secret\n"), ("gateway.pem", "")):
+    for name, text in (("nc-password", "secret\n"), ("gateway_key.pem", "")):
         with (folder / name).open("a", encoding="utf-8") as file:
             file.write(text)
         (folder / name).chmod(0o600)
