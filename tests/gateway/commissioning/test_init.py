@@ -49,7 +49,7 @@ async def encrypted_control(folder: Path) -> AsyncIterator[str]:
     usage = [ExtendedKeyUsageOID.CLIENT_AUTH, ExtendedKeyUsageOID.SERVER_AUTH]
     for name, uri in (("gateway", "urn:talc:gateway"), ("control", APPLICATION_URI)):
         await setup_self_signed_certificate(
-            folder / f"{name}.pem", folder / f"{name}.der", uri, "localhost", usage, {"commonName": name}
+            folder / f"{name}_key.pem", folder / f"{name}.der", uri, "localhost", usage, {"commonName": name}
         )
     for name, text in (("nc-password", "secret\n"), ("gateway_key.pem", "")):
         with (folder / name).open("a", encoding="utf-8") as file:
@@ -58,7 +58,7 @@ async def encrypted_control(folder: Path) -> AsyncIterator[str]:
     control = EmulatedControl(
         Rigid(), RealClock(), LoadCase([DayPart(0.0, 1e9, Activity.FINISHING, MeanLoads(x=60.0, spindle=8000.0))]),
         users={"talc": User("secret")},
-        security=Security(folder / "control.der", folder / "control.pem", (folder / "gateway.der",)),
+        security=Security(folder / "control.der", folder / "control_key.pem", (folder / "gateway.der",)),
     )  # fmt: skip
     async with started(control) as url:
         yield url
