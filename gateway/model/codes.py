@@ -333,6 +333,7 @@ class NoticeCode(StrEnum):
     DATABASE_CUT = "database_cut"
     DATABASE_LOG_CUT = "database_log_cut"
     DATABASE_LEFT_CUT = "database_left_cut"
+    DATABASE_EMPTIED = "database_emptied"
     DATABASE_LOG_LEFT_CUT = "database_log_left_cut"
     DISK_SILENT = "disk_silent"
     IN_FORCE_NOT_FINITE = "in_force_not_finite"

@@ -9,8 +9,9 @@ _M_MMAP_THRESHOLD = -3
 _BLOCK_BYTES = 128 * 1024
 """The library's own value at the start of a process (mallopt(3))."""
 
-_DESCRIPTORS = 4096
-"""Strangers hold at most some 200."""
+_DESCRIPTORS = 65536
+"""Strangers hold at most some 200 in the end. Zenoh ends silent connections one after the other, some 200 a second:
+until then they hold as many as came, and one address may open 28,000."""
 
 
 def give_back_large_blocks() -> None:

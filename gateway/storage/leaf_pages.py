@@ -42,9 +42,9 @@ def rows_in_pages(path: Path, wanted: Callable[[Sequence[Any]], bool]) -> Iterat
                 yield from _rows_of(page, data, wanted)
 
 
-def rows_cut_off(path: Path) -> set[tuple[int, int]]:
-    """Number and count of values of each row that stands only in part on the last page of a file, which ends within
-    it: SQLite reads the rest as zeros. Raises OSError."""
+def rows_cut_off(path: Path) -> set[PageRow]:
+    """The rows that stand only in part on the last page of a file, which ends within it, as SQLite reads them: the rest
+    as zeros. Raises OSError."""
     with path.open("rb") as file:
         rest = file.seek(0, 2) % PAGE
         if not rest:
@@ -52,10 +52,10 @@ def rows_cut_off(path: Path) -> set[tuple[int, int]]:
         with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
             page = data[-rest:]
             as_zeros, otherwise = (
-                {(number, len(values)): repr(values) for number, values in _rows_of(page + fill, data, lambda _: True)}
+                set(_rows_of(page + fill, data, lambda _: True))
                 for fill in (bytes(PAGE - rest), b"\xff" * (PAGE - rest))
             )
-    return {which for which, values in as_zeros.items() if otherwise.get(which) != values}
+    return as_zeros - otherwise
 
 
 def _pages(data: mmap.mmap) -> Iterator[bytes]:

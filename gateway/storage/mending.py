@@ -131,7 +131,7 @@ def _copy(source: Path, target: sqlite3.Connection) -> tuple[Counter[str], int]:
             names = [str(name) for _, name, *_ in target.execute(f"PRAGMA table_info({table})")]
             insert = _insert(table, len(names))
             for row in _all_that_can_be_read(connection, table, names, torn):
-                if not is_whole(table, row) or (row[0], len(row)) in cut:
+                if not is_whole(table, row) or (row[0], (None, *row[1:])) in cut:
                     lost += 1
                     continue
                 with suppress(sqlite3.IntegrityError):
@@ -143,7 +143,7 @@ def _copy(source: Path, target: sqlite3.Connection) -> tuple[Counter[str], int]:
         ):
             fitting = [table for table, kinds in columns.items() if _is_of(values, kinds)]
             whole = [(table, row) for table in fitting if is_whole(table, row := (number, *values[1:]))]
-            if len(whole) == 1 and (number, len(values)) not in cut:
+            if len(whole) == 1 and (number, values) not in cut:
                 ((table, row),) = whole
                 with suppress(sqlite3.IntegrityError):
                     counts[table] += target.execute(_insert(table, len(row)), row).rowcount

@@ -16,6 +16,7 @@ from gateway.storage.readings import EARLIER, TABLES
 
 SCHEMA_VERSION = 4
 _PAGE = 4096
+_MAGIC = b"SQLite format 3\0"
 _SCHEMA = f"""
 CREATE TABLE boot (number INTEGER PRIMARY KEY, id TEXT NOT NULL UNIQUE, began TEXT NOT NULL,
     config TEXT NOT NULL, fingerprint TEXT NOT NULL,
@@ -140,7 +141,7 @@ def looks_like_a_database(path: Path) -> bool:
         return True
     with path.open("rb") as file:  # it may end within a page
         begin = file.read(2 * _PAGE)
-    return begin.startswith(b"SQLite format 3\0") or b"CREATE TABLE boot" in begin
+    return begin.startswith(_MAGIC[: len(begin)] or _MAGIC) or b"CREATE TABLE boot" in begin
 
 
 def _columns_of(connection: sqlite3.Connection, table: str) -> set[str]:

@@ -45,7 +45,7 @@ from gateway.storage.faults import DamagedError, StoreError
 from gateway.storage.learnt import Learnt
 from gateway.storage.lock import FileLock, link_followed
 from gateway.storage.mending import Known, begin_again, mend
-from gateway.storage.outside import write_outside
+from gateway.storage.outside import check_emptied, write_outside
 from gateway.storage.place import check_left
 from gateway.storage.readings import MOST_BOOTS, Channels, Pruning, Retention, last_boot
 from gateway.storage.schema import UNREADABLE, connect, is_damage, make_schema, unusable
@@ -109,6 +109,7 @@ class Store:
         try:
             try:
                 check_left(path)
+                check_emptied(path)
                 self._open()
             except (DamagedError, *UNREADABLE) as error:
                 if not (isinstance(error, DamagedError) or is_damage(error)):

@@ -13,6 +13,7 @@ from gateway.model.events import DecisionMade, FrameMade
 from gateway.model.step_time import StepTime
 from gateway.storage.damage import damage_found
 from gateway.storage.history import History
+from gateway.storage.leaf_pages import rows_cut_off
 from gateway.storage.outside import generations
 from gateway.storage.schema import shown_as
 from gateway.storage.snapshot import Snapshot
@@ -118,6 +119,16 @@ def test_of_a_database_that_is_cut_off_anywhere_every_row_on_a_whole_page_is_kep
         assert kept[k].inputs.tobytes() == frame(k).inputs.tobytes()
 
 
+def test_a_row_that_is_cut_off_is_not_taken_for_one_of_the_same_number_and_size_elsewhere(tmp_path: Path) -> None:
+    path, content = tmp_path / "a.sqlite", bytes(range(1, 201)) * 5
+    with closing(sqlite3.connect(path)) as connection, connection:
+        for table in ("whole", "cut"):
+            connection.execute(f"CREATE TABLE {table} (id INTEGER PRIMARY KEY, content BLOB)")
+            connection.execute(f"INSERT INTO {table} VALUES (7, ?)", (table.encode() + content,))
+    path.write_bytes(path.read_bytes()[:-300])
+    assert rows_cut_off(path) == {(7, (None, (b"cut" + content)[:-300] + bytes(300)))}
+
+
 def test_without_the_pages_that_lead_to_a_table_its_rows_are_found_all_the_same(whole: Path, tmp_path: Path) -> None:
     data = bytearray(whole.read_bytes())
     with closing(sqlite3.connect(whole)) as connection:
@@ -136,9 +147,9 @@ def test_without_the_pages_that_lead_to_a_table_its_rows_are_found_all_the_same(
         assert len(history.measurements()) == STEPS // 5 + 2
 
 
-@pytest.mark.parametrize("spoilt", [0, 1])
+@pytest.mark.parametrize(("spoilt", "left"), [(0, 5 * PAGE), (1, 5 * PAGE), (0, 0), (0, 15)])
 def test_when_the_record_is_lost_learning_goes_on_from_the_newest_copy_that_is_whole(
-    spoilt: int, tmp_path: Path
+    spoilt: int, left: int, tmp_path: Path
 ) -> None:
     path, known = tmp_path / "g.sqlite", []
     settings = two_temperatures(path)
@@ -161,7 +172,7 @@ def test_when_the_record_is_lost_learning_goes_on_from_the_newest_copy_that_is_w
     for copy in generations(path)[:spoilt]:
         copy.write_bytes(copy.read_bytes()[:-50])
     with path.open("r+b") as file:
-        file.truncate(5 * PAGE)
+        file.truncate(left)
     past, mended = restarted(path, "second")
     assert "learning goes on from the copy" in mended
     learnt = past.controller.state().course
