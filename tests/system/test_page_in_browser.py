@@ -75,7 +75,7 @@ def test_each_part_shows_live_data(settings: Path) -> None:
             driven = page.locator("#sensitivity tbody tr")
             expect(driven).to_have_count(1)
             # A week of which there are less than two hours has no slope.
-            expect(driven).to_have_text(re.compile("spindle_rear100\u202f%–?[+]4.00\u202fµm/K([+]4.00|–)?$"))
+            expect(driven).to_have_text(re.compile("spindle_rear–?[+]4.00\u202fµm/K([+]4.00|–)?100\u202f%$"))
             expect(driven.locator("th")).to_have_text("EZ0A position of the A axis in Z")
             page.fill("#event-text", "nothing has this text")
             expect(page.locator("#events-empty")).to_have_text("No event matches the filter.")

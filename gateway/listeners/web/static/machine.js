@@ -61,13 +61,16 @@ const list = (rows) => {
 };
 // What the sentence on the next hours says, beside the verdict.
 const UNTIL = { "when.until": "until.at", "when.stays": "until.least", "when.ready": "until.ready" };
-export const showWord = ({ colour, word: key, since, before, helps }) => {
+// wrong: what is wrong, beside it
+export const showWord = ({ colour, word: key, since, before, helps }, wrong = "") => {
   const found = helps.find((help) => help.say in UNTIL), until = found ? sentence({ ...found, say: UNTIL[found.say] }) : "";
   const when = since ? word(before ? "since.before" : "since.at").replace("{at}", () => recent(since)).replace("{for}", () => lasted(since)) : "";
   paint($("ready"), colour);
   put($("word"), word(key));
   paint($("badge"), colour);
-  put($("badge").firstChild, [word(key), until || when].filter(Boolean).join(" · "));
+  if (changed("badge", [key, when, until, wrong])) $("badge").firstChild.replaceChildren(
+    // What is roomy, a phone has no room for.
+    ...[[word(key)], until && when && [when, "roomy"], (until || when) && [until || when], wrong && [wrong, "roomy"]].filter(Boolean).map(([text, kind], i) => make("span", (i ? " · " : "") + text, kind)));
   put($("since"), when);
   put($("until"), until);
   $("ready").dataset.word = key;
@@ -79,7 +82,10 @@ export const showMachine = (v) => {
   const { verdict } = v, simulated = v.simulated && v.gateway_time ? new Date(v.gateway_time) : null;
   setToday(simulated);
   document.body.classList.toggle("past", !v.alive);
-  showWord(verdict);
+  const open = openProblems(), wrong = verdict.failed ? sentence(verdict.failed) : v.alive && open ? word("events.open").replace("{n}", open) : "";
+  showWord(verdict, wrong);
+  $("failed").classList.toggle("none", !wrong);
+  put($("failed"), wrong || (v.alive && verdict.colour === "green" ? word("events.no_open") : ""));
   const heard = v.heard ? [make("span", word("page.heard").replace("{at}", exact.format(new Date(v.heard))))] : [];
   if (!v.alive && !simulated && v.heard) heard.push(make("span", " · " + word("page.now").replace("{at}", clock.format(present()))));
   if (simulated) heard.push(...heard.length ? [make("span", " · ")] : [], make("b", word("page.simulated").replace("{at}", weekday.format(simulated))));
@@ -90,9 +96,6 @@ export const showMachine = (v) => {
     $("because").replaceChildren(...say(verdict.because.filter((each) => !each.say.startsWith("do."))));
     $("because").classList.toggle("long", $("because").textContent.length > LONG);
   }
-  const open = openProblems(), wrong = verdict.failed || open;
-  $("failed").classList.toggle("none", !wrong);
-  put($("failed"), verdict.failed ? sentence(verdict.failed) : !v.alive ? "" : open ? word("events.open").replace("{n}", open) : verdict.colour === "green" ? word("events.no_open") : "");
   showWhy(v);
   const most = v.alive ? mostMoved(v.tolerance_um) : null;
   const next = v.alive ? v.waits.filter((row) => NEXT.includes(row.label)) : [];

@@ -13,11 +13,11 @@ const heading = (text) => {
 const row = (e) => {
   const found = make("tr"), name = named(e.error, "th"), first = e.slopes.findIndex((slope) => slope.n !== null);
   name.scope = "row";
-  found.append(name, make("td", e.temperature), make("td", amount(e.follows), "right"),
-    ...e.slopes.map((slope, i) => make("td", amount(i === first ? { ...slope, u: e.unit } : slope), "right")));
+  found.append(name, make("td", e.temperature),
+    ...e.slopes.map((slope, i) => make("td", amount(i === first ? { ...slope, u: e.unit } : slope), "right")), make("td", amount(e.follows), "right"));
   return found;
 };
-let own = null;  // headings that the table has before those of the weeks
+let own = null;  // headings that the table has around those of the weeks
 const show = ({ weeks, errors, why }) => {
   const found = weeks && errors.length > 0;
   $("sensitivity").hidden = !found;
@@ -26,7 +26,7 @@ const show = ({ weeks, errors, why }) => {
   if (!found) return;
   const table = $("sensitivity").querySelector("table"), head = table.tHead.rows[0];
   own ??= [...head.cells];
-  head.replaceChildren(...own, ...weeks.map((week) => heading(date.format(new Date(week * 1e3)))));
+  head.replaceChildren(...own.slice(0, 2), ...weeks.map((week) => heading(date.format(new Date(week * 1e3)))), own[2]);
   table.tBodies[0].replaceChildren(...errors.map(row));
 };
 // answers: whether the gateway does

@@ -5,7 +5,7 @@ import { amount, clock, time, whyNot, word } from "./words.js";
 
 let latest = null, asked = null, tolerance = null;
 const WIDE = matchMedia("(min-width: 1200px) and (min-height: 640px)"), NARROW = matchMedia("(max-width: 760px)");
-const HOURS = 2, PAD = [40, 10, 12, 24];
+const HOURS = 2, PAD = [40, 10, 12, 24], WORDS = 110;
 const numbers = (list) => list.filter((n) => n !== null);
 const STYLES = ["b0", "b1", "b2", "b3"];
 // branches: as the server tells them; the last one may be what somebody has asked for
@@ -24,12 +24,17 @@ const picture = (branches, width, height) => {
     if (width - right - x(checked) > 150) found.push(drawn("text", { class: "mid", x: (x(checked) + width - right) / 2, y: height - bottom - 12 }, word("scenario.unforeseen")));
   }
   const began = branches[0].began * 1e3;
+  let turned = 0;
   branches.forEach((b, i) => {
     const kind = b.load === "?" ? "asked" : STYLES[Math.min(i, STYLES.length - 1)], known = b.t.flatMap((s, j) => b.high[j] !== null ? [j] : []);
     found.push(drawn("path", { class: `line ${kind}`, d: path(known.map((j) => [b.t[j], b.high[j]])) }));
-    if (tolerance && b.turn !== null && b.turn <= HOURS * 3600) found.push(drawn("circle", { class: "ready", cx: x(b.turn), cy: y(tolerance), r: 5 }),
-      drawn("text", { class: b.turn > HOURS * 1800 ? "turn end" : "turn", x: x(b.turn) + (b.turn > HOURS * 1800 ? -8 : 8), y: y(tolerance) + (i ? 16 : -7) },
-        word(b.high[0] <= tolerance ? "until.at" : "until.ready").replace("{at}", clock.format(began + b.turn * 1e3))));
+    if (tolerance && b.turn !== null && b.turn <= HOURS * 3600) {
+      // The words lie where the curve does not: above the limit before it rises over it or after it has fallen, a second one below on the other side.
+      const rises = b.high[0] <= tolerance, room = (at) => at ? x(b.turn) - left > WORDS : width - right - x(b.turn) > WORDS, before = room(rises !== turned > 0) ? rises !== turned > 0 : room(true);
+      found.push(drawn("circle", { class: "ready", cx: x(b.turn), cy: y(tolerance), r: 5 }), drawn("text", { class: before ? "turn end" : "turn", x: x(b.turn) + (before ? -8 : 8), y: y(tolerance) + (turned ? 18 : -7) },
+        word(rises ? "until.at" : "until.ready").replace("{at}", clock.format(began + b.turn * 1e3))));
+      turned += 1;
+    }
   });
   for (let s = 0; s <= HOURS * 3600; s += 1800) if (s % 3600 === 0 || width > 440) found.push(drawn("text", { class: s ? s === HOURS * 3600 ? "end" : "mid" : "", x: x(s), y: height - 6 }, clock.format(began + s * 1e3)));
   return found;

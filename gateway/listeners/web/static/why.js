@@ -24,6 +24,8 @@ const ranked = (parts) => [...parts].sort((a, b) => OWN.includes(a.key) - OWN.in
 export const INKS = ["c1", "c2", "c3", "c4", "c6"];
 const inks = new Map(), sizes = {};
 export const inkOf = (key) => inks.get(key);
+// The colours, from a part's own one on: it mostly has the same one, whatever else moves.
+const wished = (key) => { const own = [...key].reduce((sum, c) => sum + c.codePointAt(0), 0) % INKS.length; return [...INKS.slice(own), ...INKS.slice(0, own)]; };
 // found: parts and how much they move, now or over the day. What moves most now comes first, so that a minute is told
 // alike whether or not the day is known; whoever has a colour and still counts keeps it.
 export const giveInks = (of, found) => {
@@ -33,7 +35,7 @@ export const giveInks = (of, found) => {
   const before = String([...inks]), inNow = (key) => (sizes.now?.get(key) ?? 0) >= 0.05;
   const first = [...new Set(all.flatMap((each) => [...each.keys()]))].sort((a, b) => inNow(b) - inNow(a) || (inNow(a) ? sizes.now.get(b) - sizes.now.get(a) : size(b) - size(a))).slice(0, INKS.length);
   for (const key of inks.keys()) if (!first.includes(key)) inks.delete(key);
-  for (const key of first) if (!inks.has(key)) inks.set(key, INKS.find((ink) => ![...inks.values()].includes(ink)));
+  for (const key of first) if (!inks.has(key)) inks.set(key, wished(key).find((ink) => ![...inks.values()].includes(ink)));
   if (of !== "now" && String([...inks]) !== before) queueMicrotask(show);
 };
 export const allInks = () => [...inks];
