@@ -97,7 +97,7 @@ def test_each_part_shows_live_data(settings: Path) -> None:
             page.fill("input[name=tolerance]", "3")
             page.keyboard.press("Enter")
             expect(page.locator("#word")).to_have_text("Not sure")
-            expect(page.locator("#helps")).to_contain_text("not ready before")
+            expect(page.locator("#helps")).to_contain_text(texts("en")["when.not_before"].split("{")[0])
             for what in ("wait 30 min", "probe now", "warm up with spindle and axes"):
                 expect(page.locator("#helps")).to_contain_text(f"If you {what}")
             gateway.say("forecast " + json.dumps({"planned": {"<b>warm-up": {}}}))
