@@ -3,7 +3,6 @@
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 
-from drivers.modbus.frames import alike
 from drivers.modbus.numbers import Block
 
 Words = Mapping[tuple[int, int], int]
@@ -69,7 +68,7 @@ class BlockAnswers:
         at = missing.index(missed[-1]) + 1
         for request in missing[at:] + missing[: at - 1]:
             if not any(
-                other != request and alike(other, request) and not self._missed_often(other) for other in missed
+                other != request and other.is_like(request) and not self._missed_often(other) for other in missed
             ):
                 return request
         return missed[-1]

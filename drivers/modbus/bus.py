@@ -29,9 +29,9 @@ from drivers.modbus.frames import (
 )
 from drivers.modbus.numbers import BIT_FUNCTIONS, Block
 from drivers.modbus.refusals import is_busy, is_target_silent, refusal
-from drivers.modbus.requests import Came, Requests
 from drivers.modbus.settings import LONGEST_SETTLE_S, AskedSettings, ModbusTcpSettings, ServerSettings
 from drivers.patience import Patience
+from drivers.requests import Came, Requests
 from drivers.rests import Rests
 from drivers.tap import Tap
 from drivers.text import Text, Value
@@ -86,7 +86,7 @@ class ModbusBus(StreamBus, ABC):
         super().__init__(name, stream, settings.timeout_s)
         self._settings, self._patience = settings, patience
         self._rests = Rests(settings.settle_s, settings.rest_ms / 1e3)
-        self._requests = Requests(numbered=self.has_numbers)
+        self._requests = Requests[Block](numbered=self.has_numbers)
         self._until_s, self._sent_s = inf, -inf
         self._is_repeated = False
         """Whether the question that is under way is."""

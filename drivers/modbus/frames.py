@@ -1,7 +1,7 @@
 """Finds the answer to a request in the received bytes: RTU frames and TCP messages."""
 
 import struct
-from collections.abc import Collection, Iterator
+from collections.abc import Iterable, Iterator
 from functools import lru_cache
 
 from pymodbus.framer.rtu import FramerRTU
@@ -19,7 +19,7 @@ from pymodbus.pdu.register_message import (
     ReadInputRegistersResponse,
 )
 
-from drivers.modbus.numbers import BIT_FUNCTIONS, Block
+from drivers.modbus.numbers import REFUSED, Block
 
 _REQUESTS: dict[int, type[ModbusPDU]] = {
     1: ReadCoilsRequest,
@@ -37,27 +37,15 @@ RESPONSES: dict[int, type[ModbusPDU]] = {
 TCP_HEADER = struct.Struct(">HHHB")
 """Number of the transaction, protocol 0, length, unit."""
 _LONGEST_TCP_LENGTH = 254
-REFUSED = 0x80
-"""The bit of a function code that makes the answer a refusal."""
 _REFUSAL_LENGTH = 5
 """How many bytes a refusal has on a serial line."""
 _REMEMBERED = 4096
 """Requests kept: the same ones are sent in every period."""
 
 
-def data_bytes(block: Block) -> int:
-    """How many bytes of data answer this request."""
-    return (block.count + 7) // 8 if block.function in BIT_FUNCTIONS else 2 * block.count
-
-
-def alike(one: Block, other: Block) -> bool:
-    """Whether the answers to two requests to one unit look the same: they carry neither address nor number."""
-    return one.function == other.function and data_bytes(one) == data_bytes(other)
-
-
 def rtu_length(block: Block) -> int:
     """How many bytes the answer to this request has on a serial line."""
-    return 3 + data_bytes(block) + 2
+    return 3 + block.data_bytes + 2
 
 
 def rtu_frame(body: bytes) -> bytes:
@@ -88,7 +76,7 @@ def rtu_answers(heard: bytes | bytearray, unit: int, block: Block) -> Iterator[b
 
     Frames of other units, functions or lengths, broken frames and noise are skipped.
     """
-    normal = bytes((unit, block.function, data_bytes(block)))
+    normal = bytes((unit, block.function, block.data_bytes))
     refused = bytes((unit, block.function | 0x80))
     start = 0
     while start < len(heard) - 4:
@@ -113,11 +101,12 @@ def find_rtu_answer(heard: bytes | bytearray, unit: int, block: Block) -> bytes 
 
 
 def rtu_messages(
-    heard: bytes | bytearray, start: int, forms: Collection[tuple[int, int, int]]
+    heard: bytes | bytearray, start: int, due: Iterable[tuple[int, Block]]
 ) -> Iterator[tuple[int, int, bytes]]:
-    """End, unit and message (function code and data) of every valid frame from `start` on that has one of these forms:
-    unit, function, bytes of data. Refusals of these functions have it too. What is between them is skipped.
+    """End, unit and message (function code and data) of every valid frame from `start` on that has the form of the
+    answer of a unit to what is due of it, or of its refusal. What is between them is skipped.
     """
+    forms = {(unit, block.function, block.data_bytes) for unit, block in due}
     refused = {(unit, function | REFUSED) for unit, function, _ in forms}
     while start < len(heard) - 4:
         unit, function, size = heard[start : start + 3]
@@ -137,7 +126,7 @@ def is_damaged(heard: bytes | bytearray, block: Block) -> bool:
 
 def is_damaged_of(heard: bytes | bytearray, unit: int, block: Block) -> bool:
     """Whether it also begins as that unit's answer does: a late one of another unit may be damaged, too."""
-    return is_damaged(heard, block) and heard[:3] == bytes((unit, block.function, data_bytes(block)))
+    return is_damaged(heard, block) and heard[:3] == bytes((unit, block.function, block.data_bytes))
 
 
 def foreign_refusal(heard: bytes | bytearray, unit: int) -> bytes | None:
@@ -170,7 +159,7 @@ def fits(answer: bytes, block: Block) -> bool:
     """Whether a message (function code and data) answers this request."""
     if answer[0] == block.function | 0x80:
         return len(answer) == 2
-    return answer[:2] == bytes((block.function, data_bytes(block))) and len(answer) == 2 + answer[1]
+    return answer[:2] == bytes((block.function, block.data_bytes)) and len(answer) == 2 + answer[1]
 
 
 def is_refusal(answer: bytes) -> bool:

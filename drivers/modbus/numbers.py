@@ -17,6 +17,8 @@ AddressRange = tuple[int, int, int]
 REGISTER_FUNCTIONS = (3, 4)
 BIT_FUNCTIONS = (1, 2)
 REGISTER_BITS = 16
+REFUSED = 0x80
+"""Bit of the function code of an exception."""
 _FORMATS: Mapping[object, tuple[str, int]] = {
     "int16": ("h", 1),
     "uint16": ("H", 1),
@@ -56,6 +58,35 @@ class Block(NamedTuple):
     function: int
     address: int
     count: int  # type: ignore[assignment]  # instead of tuple's method, which nobody needs
+
+    @property
+    def data_bytes(self) -> int:
+        """How many bytes of data answer it."""
+        return (self.count + 7) // 8 if self.function in BIT_FUNCTIONS else 2 * self.count
+
+    def is_answered_by(self, message: bytes) -> bool:
+        """Whether a message (function code and data) has the form of its answer, or of its refusal."""
+        if message[0] & REFUSED:
+            return message[0] & ~REFUSED == self.function
+        return message[0] == self.function and message[1] == self.data_bytes
+
+    def is_like(self, other: "Block") -> bool:
+        """Whether the answers of one unit to both look the same: they carry neither address nor number."""
+        return self.function == other.function and self.data_bytes == other.data_bytes
+
+    def another(self, due: Sequence["Block"], refused: Sequence["Block"]) -> "Block":
+        """A request at the same address whose answer has another form, and none that is due if possible.
+
+        refused: those of them that may have been refused. If one has the same function, this has another, whose refusal
+        differs, too
+        """
+        function = self.function
+        if any(one.function == function for one in refused):
+            functions = sorted({*REGISTER_FUNCTIONS, *BIT_FUNCTIONS} - {function}, reverse=True)
+            function = min(functions, key=lambda f: sum(one.function == f for one in due))
+        counts = range(1, 48, 8) if function in BIT_FUNCTIONS else range(1, 7)
+        others = [Block(function, self.address, count) for count in counts]
+        return min((o for o in others if not o.is_like(self)), key=lambda other: sum(map(other.is_like, due)))
 
 
 @dataclass(frozen=True, slots=True)

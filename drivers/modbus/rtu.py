@@ -21,10 +21,10 @@ from drivers.modbus.frames import (
     rtu_request,
 )
 from drivers.modbus.numbers import Block
-from drivers.modbus.requests import Came
 from drivers.modbus.settings import AskedSettings, ModbusRtuSettings, ModbusRtuTcpSettings
 from drivers.modbus.strangers import Strangers
 from drivers.patience import Patience
+from drivers.requests import Came
 from drivers.serial_server import SERVER_PAUSE_S, pause_s, serial_stream
 from drivers.tap import Tap
 from drivers.text import Text
@@ -151,11 +151,11 @@ class RtuFramedBus(ModbusBus):
 
     def _sort(self, heard: bytearray, start: int, *, has_just_come: bool = True) -> int:
         now_s, requests = asyncio.get_running_loop().time(), self._requests
-        for end, unit, message in rtu_messages(heard, start, requests.forms()):
+        for end, unit, message in rtu_messages(heard, start, requests.due()):
             requests.came(unit, message, now_s)
             start = end
         if start < len(heard):
-            for end, unit, message in rtu_messages(heard, start, requests.forms(recent=True)):
+            for end, unit, message in rtu_messages(heard, start, requests.due(recent=True)):
                 if (after_s := requests.copy_s(unit, message, now_s)) is not None:
                     self._rests.copied(unit, after_s if has_just_come else 0.0, now_s)
                     start = end

@@ -6,7 +6,7 @@ Disturbed bytes do not count: only whole frames with their checksum, three of th
 from collections import deque
 from collections.abc import Iterator
 
-from drivers.modbus.frames import alike, data_bytes, find_rtu_answer, is_rtu_frame, rtu_request
+from drivers.modbus.frames import find_rtu_answer, is_rtu_frame, rtu_request
 from drivers.modbus.numbers import BIT_FUNCTIONS, REGISTER_FUNCTIONS, Block
 from drivers.text import Text
 
@@ -37,7 +37,7 @@ class Strangers:
         if (unit, block) not in self._known:
             self._known.add((unit, block))
             self._requests.add(rtu_request(unit, block))
-            self._answers |= {(unit, block.function, data_bytes(block)), (unit, block.function | 0x80)}
+            self._answers |= {(unit, block.function, block.data_bytes), (unit, block.function | 0x80)}
 
     def note(self, heard: bytes | bytearray, now_s: float) -> None:
         """Look for them in what was heard. now_s: monotonic"""
@@ -116,7 +116,7 @@ def _last_request(heard: bytes | bytearray, unit: int, block: Block) -> int:
         frame = bytes(heard[at : at + _REQUEST_BYTES])
         if len(frame) == _REQUEST_BYTES and frame != own and is_rtu_frame(frame):
             address, count = (int.from_bytes(frame[k : k + 2], "big") for k in (2, 4))
-            if alike(Block(block.function, address, count), block):
+            if block.is_like(Block(block.function, address, count)):
                 return at
     return -1
 

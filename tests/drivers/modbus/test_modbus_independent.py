@@ -13,9 +13,9 @@ from drivers.build import make_device
 from drivers.modbus.answers import BlockAnswers
 from drivers.modbus.bus import ModbusTcpBus
 from drivers.modbus.numbers import Block
-from drivers.modbus.requests import Requests
 from drivers.modbus.rtu import ModbusRtuBus
 from drivers.modbus.settings import ModbusTcpSettings
+from drivers.requests import Requests
 from simulators.devices import M7015, RtuLine
 from simulators.devices.loopback import Connection, LoopbackServer
 from tests.benches.buses import make_bus
@@ -62,7 +62,7 @@ def test_values_that_are_read_between_two_states_keep_their_order() -> None:
 
 
 def test_a_unit_whose_missing_answers_come_is_waited_for_and_another_one_is_not() -> None:
-    requests, now_s = Requests(numbered=False), 0.0
+    requests, now_s = Requests[Block](numbered=False), 0.0
     answer, other = bytes((4, 2, 0, 7)), bytes((4, 4, 0, 7, 0, 8))
 
     def is_missing(unit: int, *, comes: bool) -> None:

@@ -13,12 +13,11 @@ something of another form (`separator`): once that is answered, nothing older ca
 """
 
 from collections import deque
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Hashable, Iterator, Sequence
 from dataclasses import dataclass, field
 from math import inf, isinf
+from typing import Generic, Protocol, Self, TypeVar
 
-from drivers.modbus.frames import REFUSED, alike, data_bytes
-from drivers.modbus.numbers import BIT_FUNCTIONS, Block
 from drivers.patience import LONGER
 from drivers.rests import COPIES_S
 
@@ -40,11 +39,33 @@ _EQUAL_OFTEN = 3
 """After this many checks two blocks that hold the same words are no longer suspected."""
 
 
+class Asked(Hashable, Protocol):
+    """What a request asks for."""
+
+    def is_answered_by(self, message: bytes) -> bool:
+        """Whether a message has the form of its answer, or of its refusal."""
+
+    def is_like(self, other: Self, /) -> bool:
+        """Whether the answers of one unit to both have the same form."""
+
+    def another(self, due: Sequence[Self], refused: Sequence[Self], /) -> Self:
+        """Something else to ask, of which the answer has another form, and none that is due if possible.
+
+        refused: those of them that may have been refused
+        """
+
+
+B = TypeVar("B", bound=Asked)
+
+_REFUSED = 0x80
+"""Bit of the first byte of a Modbus exception, and of an SDO abort."""
+
+
 @dataclass(slots=True)
-class Request:
+class Request(Generic[B]):
     """One request without an answer."""
 
-    block: Block
+    block: B
     sent_s: float
     number: int = 0
     """Of the transaction, where the wire has one."""
@@ -59,12 +80,6 @@ class Request:
     """Whether something has come that may have been its answer, or a copy of another one."""
     may_be_refused: bool = False
     """Whether a refusal has come that may have been its answer, or that of an earlier request."""
-
-    def is_answered_by(self, message: bytes) -> bool:
-        """Whether a message (function code and data) has the form of its answer."""
-        if message[0] & REFUSED:
-            return message[0] & ~REFUSED == self.block.function
-        return message[0] == self.block.function and message[1] == data_bytes(self.block)
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,17 +97,17 @@ class Came:
 
 
 @dataclass(frozen=True, slots=True)
-class _Recent:
-    block: Block
+class _Recent(Generic[B]):
+    block: B
     message: bytes
     at_s: float
 
 
 @dataclass(slots=True)
-class _Unit:
-    open: list[Request] = field(default_factory=list)
+class _Unit(Generic[B]):
+    open: list[Request[B]] = field(default_factory=list)
     """In the order in which they were sent."""
-    came: dict[Block, Came] = field(default_factory=dict)
+    came: dict[B, Came] = field(default_factory=dict)
     """Answers to the present question that have not been taken yet."""
     late_share: float = _UNKNOWN
     late_s: float = 0.0
@@ -101,13 +116,13 @@ class _Unit:
     """How long its answers take at least, lately."""
     was_heard: bool = False
     """Whether a late answer has come that has not been told of."""
-    recent: deque[_Recent] = field(default_factory=lambda: deque(maxlen=_MOST_RECENT))
+    recent: deque[_Recent[B]] = field(default_factory=lambda: deque(maxlen=_MOST_RECENT))
     """The latest answers."""
     copied_s: float = -inf
     """When a copy was heard."""
     not_copied: int = 0
     """How often an answer that may have been one was none."""
-    equal: dict[tuple[Block, Block], int] = field(default_factory=dict)
+    equal: dict[tuple[B, B], int] = field(default_factory=dict)
     """How often two blocks were found to really hold the same words."""
 
     def missing(self, *, came: bool, took_s: float = 0.0) -> None:
@@ -116,7 +131,7 @@ class _Unit:
         if came:
             self.late_s = max(took_s, self.late_s + _NEWEST * (took_s - self.late_s))
 
-    def passes(self, answered: Request) -> None:
+    def passes(self, answered: Request[B]) -> None:
         """Units answer in order: what was sent before this, which is answered, is not answered any more. Unless this is
         a copy: it shows nothing of what has had no answer yet."""
         for request in self.open[: self.open.index(answered)]:
@@ -124,14 +139,14 @@ class _Unit:
                 self.not_copied += 1
             request.is_passed |= request.may_be_answered or not answered.may_be_answered
 
-    def hears(self, request: Request, message: bytes, now_s: float) -> None:
+    def hears(self, request: Request[B], message: bytes, now_s: float) -> None:
         """This is its answer, or a copy of another one: then its own is still to come."""
-        if request.may_be_answered and not message[0] & REFUSED:  # a refusal may be that of a later request
+        if request.may_be_answered and not message[0] & _REFUSED:  # a refusal may be that of a later request
             self.copied_s = now_s
         request.may_be_answered = self._may_be_a_copy(request.block, message, now_s)
         self.recent.append(_Recent(request.block, message, now_s))
 
-    def _may_be_a_copy(self, block: Block, message: bytes, now_s: float) -> bool:
+    def _may_be_a_copy(self, block: B, message: bytes, now_s: float) -> bool:
         """Whether this may be a copy of the answer just before to an equal request.
 
         A refusal does not say what it refuses; only of units that send copies it is suspected.
@@ -139,16 +154,16 @@ class _Unit:
         if self.not_copied >= _EQUAL_OFTEN and isinf(self.copied_s):
             return False
         equal = [r for r in self.recent if r.message == message and now_s - r.at_s <= _AT_ONCE_S]
-        if message[0] & REFUSED:
+        if message[0] & _REFUSED:
             return bool(equal) and now_s - self.copied_s < COPIES_S
         return any(r.block == block for r in equal)
 
-    def like(self, block: Block, now_s: float) -> Iterator[_Recent]:
+    def like(self, block: B, now_s: float) -> Iterator[_Recent[B]]:
         """Recent answers to other requests whose copies would look like the answer to this one."""
-        return (r for r in self.recent if r.block != block and alike(r.block, block) and now_s - r.at_s <= _RECENT_S)
+        return (r for r in self.recent if r.block != block and r.block.is_like(block) and now_s - r.at_s <= _RECENT_S)
 
 
-class Requests:
+class Requests(Generic[B]):
     """The requests on one link, unit by unit. Times are monotonic seconds.
 
     numbered: answers carry the number of their request, and may come in any order
@@ -158,9 +173,9 @@ class Requests:
         self._numbered = numbered
         self.asked = 0
         """The unit that is being asked; 0: none is."""
-        self._units: dict[int, _Unit] = {}
+        self._units: dict[int, _Unit[B]] = {}
 
-    def _of(self, unit: int) -> _Unit:
+    def _of(self, unit: int) -> _Unit[B]:
         if unit not in self._units:
             self._units[unit] = _Unit()
         return self._units[unit]
@@ -186,24 +201,24 @@ class Requests:
             del one.open[0]
             one.missing(came=False)
 
-    def sent(self, unit: int, block: Block, now_s: float, number: int = 0) -> None:
+    def sent(self, unit: int, block: B, now_s: float, number: int = 0) -> None:
         """This was sent."""
         self._of(unit).open.append(Request(block, now_s, number))
 
-    def open(self, unit: int, block: Block, *, old: bool = False) -> list[Request]:
+    def open(self, unit: int, block: B, *, old: bool = False) -> list[Request[B]]:
         """The requests for it that belong to the present question, oldest first; old: also to earlier ones."""
         waiting = (r for r in self._waiting(unit) if not r.may_be_answered)
         return [r for r in waiting if r.block == block and (old or not r.is_old)]
 
-    def _waiting(self, unit: int) -> list[Request]:
+    def _waiting(self, unit: int) -> list[Request[B]]:
         """The requests of which an answer is expected."""
         return [r for r in self._of(unit).open if not r.is_passed]
 
     def may_be_refused(self, unit: int, message: bytes) -> bool:
         """Whether this refusal may be the answer to a request of this unit."""
-        return any(r.is_answered_by(message) for r in self._of(unit).open)
+        return any(r.block.is_answered_by(message) for r in self._of(unit).open)
 
-    def missed(self, unit: int, block: Block) -> None:
+    def missed(self, unit: int, block: B) -> None:
         """Its answer was waited for in vain."""
         for request in self.open(unit, block):
             request.is_late = True
@@ -213,22 +228,18 @@ class Requests:
         for request in self._of(unit).open:
             request.is_old = True
 
-    def spoilt(self, unit: int, block: Block) -> None:
+    def spoilt(self, unit: int, block: B) -> None:
         """The answer to the oldest request for it has come and is of no use."""
         if open_ := self.open(unit, block):
             self._of(unit).open.remove(open_[0])
 
-    def took(self, unit: int, block: Block) -> Came | None:
+    def took(self, unit: int, block: B) -> Came | None:
         """The answer to the present question; only once."""
         return self._of(unit).came.pop(block, None)
 
-    def forms(self, *, recent: bool = False) -> Collection[tuple[int, int, int]]:
-        """Unit, function and data bytes of the answers that may come; recent: of copies of those that have come."""
-        return {
-            (unit, r.block.function, data_bytes(r.block))
-            for unit, one in self._units.items()
-            for r in (one.recent if recent else one.open)
-        }
+    def due(self, *, recent: bool = False) -> Iterator[tuple[int, B]]:
+        """By unit, what the answers that may come are to; recent: what copies of those that have come are to."""
+        return ((u, r.block) for u, one in self._units.items() for r in (one.recent if recent else one.open))
 
     def came(self, unit: int, message: bytes, now_s: float, number: int = 0) -> bool:
         """An answer has come. Returns False if none was due.
@@ -255,7 +266,7 @@ class Requests:
         if request.is_late and not equal:
             one.missing(came=True, took_s=now_s - first_s)
             one.was_heard = True
-        if message[0] & REFUSED:
+        if message[0] & _REFUSED:
             for other in fitting[1:]:
                 other.may_be_refused = True
         if (
@@ -266,11 +277,11 @@ class Requests:
             one.came.setdefault(request.block, Came(unit, message, request.sent_s, number))
         return True
 
-    def _fitting(self, unit: int, message: bytes, number: int) -> tuple[_Unit, list[Request]]:
+    def _fitting(self, unit: int, message: bytes, number: int) -> tuple[_Unit[B], list[Request[B]]]:
         """The unit that was asked, and the requests that this may answer."""
         if not self._numbered:
             one = self._of(unit)
-            fitting = [r for r in one.open if r.is_answered_by(message)]
+            fitting = [r for r in one.open if r.block.is_answered_by(message)]
             return one, [r for r in fitting if not r.is_passed] or [r for r in fitting if not r.is_old]
         for one in self._units.values():
             for request in one.open:
@@ -283,7 +294,7 @@ class Requests:
         """Of the transactions without an answer."""
         return [r.number for one in self._units.values() for r in one.open]
 
-    def separator(self, unit: int, block: Block) -> Block | None:
+    def separator(self, unit: int, block: B) -> B | None:
         """The request that must be answered first, because an old answer may look like this block's; None: none may.
 
         The unit may refuse it. It may have been sent already.
@@ -291,29 +302,20 @@ class Requests:
         if self._numbered:
             return None
         sent = self._waiting(unit)
-        like = [n for n, r in enumerate(sent) if alike(r.block, block) and (r.block != block or r.is_old)]
+        like = [n for n, r in enumerate(sent) if r.block.is_like(block) and (r.block != block or r.is_old)]
         if not like:
             return None
-        after = (r.block for r in reversed(sent[like[-1] + 1 :]) if not (alike(r.block, block) or r.may_be_refused))
+        after = (r.block for r in reversed(sent[like[-1] + 1 :]) if not (r.block.is_like(block) or r.may_be_refused))
         return next(after, None) or self.another(unit, block)
 
-    def expects(self, unit: int, block: Block) -> bool:
+    def expects(self, unit: int, block: B) -> bool:
         """Whether an answer to such a request may come, whatever question it belongs to."""
         return any(r.block == block for r in self._waiting(unit))
 
-    def another(self, unit: int, block: Block) -> Block:
-        """A request at the block's address whose answer has another form, and none that is due if possible. If nobody
-        knows which of its function's requests was refused, it has another function, whose refusal differs, too."""
+    def another(self, unit: int, block: B) -> B:
+        """Something else to ask, whose answer is not taken for that to this block."""
         open_ = self._of(unit).open
-        due = [r.block for r in open_]
-        function = block.function
-        if any(r.may_be_refused and r.block.function == function for r in open_):
-            functions = sorted({3, 4, *BIT_FUNCTIONS} - {function}, reverse=True)
-            function = min(functions, key=lambda f: sum(one.function == f for one in due))
-        counts = range(1, 48, 8) if function in BIT_FUNCTIONS else range(1, 7)
-        others = [Block(function, block.address, count) for count in counts]
-        others = [other for other in others if not alike(other, block)]
-        return min(others, key=lambda other: sum(alike(other, one) for one in due))
+        return block.another([r.block for r in open_], [r.block for r in open_ if r.may_be_refused])
 
     def patience_s(self, unit: int) -> float:
         """For how long after a request its late answer is waited for, before the request is sent again; 0: not.
@@ -361,10 +363,10 @@ class Requests:
         one.copied_s = now_s
         return now_s - at_s
 
-    def is_doubtful(self, unit: int, block: Block, message: bytes, now_s: float) -> bool:
+    def is_doubtful(self, unit: int, block: B, message: bytes, now_s: float) -> bool:
         """Whether this may be a copy of an answer to another request."""
         one, doubtful = self._of(unit), False
-        if self._numbered or message[0] & REFUSED:
+        if self._numbered or message[0] & _REFUSED:
             return False
         for recent in one.like(block, now_s):
             if recent.message != message:
@@ -373,13 +375,13 @@ class Requests:
                 doubtful = True
         return doubtful
 
-    def doubt(self, unit: int, block: Block, sent_s: float) -> None:
+    def doubt(self, unit: int, block: B, sent_s: float) -> None:
         """This answer of that request may be a copy of another one: then its own is still to come."""
         open_ = self._of(unit).open
         at = next((n for n, r in enumerate(open_) if r.sent_s > sent_s), len(open_))
         open_.insert(at, Request(block, sent_s, may_be_answered=True))
 
-    def confirmed(self, unit: int, block: Block, message: bytes, now_s: float) -> None:
+    def confirmed(self, unit: int, block: B, message: bytes, now_s: float) -> None:
         """A doubtful answer was asked for again, and this came."""
         one = self._of(unit)
         for recent in one.like(block, now_s):
