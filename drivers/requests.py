@@ -7,9 +7,9 @@
 | answered | its answer has come | |
 | lost | a later request was answered, as units answer in order; or it is too old | |
 
-A request is known by its number, where the wire has one. On a serial line it is known by the form of its answer: unit,
-function and length. No two requests that differ may wait for answers of one form, so the unit is first asked for
-something of another form (`separator`): once that is answered, nothing older can follow.
+A request is known by its number, where the wire has one; otherwise by the form of its answer: on a serial line unit,
+function and length, by SDO the object. No two requests that differ may wait for answers of one form, so the unit is
+first asked for something of another form (`separator`): once that is answered, nothing older can follow.
 """
 
 from collections import deque
@@ -167,10 +167,11 @@ class Requests(Generic[B]):
     """The requests on one link, unit by unit. Times are monotonic seconds.
 
     numbered: answers carry the number of their request, and may come in any order
+    copied: where they do not, an answer may be a copy of an earlier one
     """
 
-    def __init__(self, *, numbered: bool) -> None:
-        self._numbered = numbered
+    def __init__(self, *, numbered: bool, copied: bool = True) -> None:
+        self._numbered, self._copied = numbered, copied
         self.asked = 0
         """The unit that is being asked; 0: none is."""
         self._units: dict[int, _Unit[B]] = {}
@@ -254,7 +255,8 @@ class Requests(Generic[B]):
         in_turn = not self.asked or self._units.get(self.asked) is one or one.late_share > _IS_LATE
         was_copied = request.may_be_answered
         if not self._numbered:
-            one.hears(request, message, now_s)
+            if self._copied:
+                one.hears(request, message, now_s)
             one.passes(request)
         if not request.may_be_answered:
             one.open.remove(request)

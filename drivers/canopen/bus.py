@@ -9,24 +9,25 @@ import math
 import queue
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from functools import partial
-from itertools import cycle
 from time import monotonic, sleep
 from typing import Any, TypeVar
 
 import can
 import canopen
-from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
+from canopen.sdo.exceptions import SdoAbortedError
 
 from drivers.base import BadAnswer, ConnectError, DriverError, NoAnswer, Refused
 from drivers.can.bus import KeptFrame
 from drivers.can.interface import interface_error, open_interface, shut
 from drivers.can.receiver import Receiver
 from drivers.canopen.events import NodeEvents
-from drivers.canopen.frames import FittingAnswers, LatestFrames, pass_on
-from drivers.canopen.place import CanObject
+from drivers.canopen.frames import LatestFrames, SdoAnswers, pass_on
+from drivers.canopen.place import ABORT, BEGINS, KIND, TOGGLE, CanObject, Segment
 from drivers.canopen.settings import CanOpenSettings
-from drivers.patience import LONGER, Patience
+from drivers.patience import Patience
+from drivers.requests import Requests
 from drivers.rests import Rests
 from drivers.tap import Tap
 from drivers.text import Text
@@ -34,8 +35,15 @@ from drivers.text import Text
 R = TypeVar("R")
 
 _SYNC = 0x080
-_SDO_READ = 0x40
+_AT_ONCE, _COUNTED, _LAST = 0x02, 0x01, 0x01
+"""Bits of the first byte of an SDO answer: all of the number is in this frame; it says how many bytes it has; it is the
+last segment."""
 _NMT_START = 1
+_DEVICE_TYPE = CanObject(0x1000, 0)
+_SHORTEST_S = 0.01
+"""A request that must be answered sooner than this is not sent."""
+_NO_OBJECT = bytes((ABORT, 0, 0, 0))
+"""Of an abort that does not say to which request it is the answer."""
 _RESTS_S = (0.0, 0.002, 0.01, 0.05, 0.1, 0.2)
 """Rests after an answer that are tried one after the other."""
 _LONGEST_NUMBER = 8
@@ -43,9 +51,6 @@ _LONGEST_NUMBER = 8
 
 
 logging.getLogger("canopen").setLevel(logging.CRITICAL)  # what it logs is raised here as an error
-
-_NEVER_VALUES = CanObject(0x1000, 0), CanObject(0x1001, 0), CanObject(0x1018, 0)
-"""Objects that every node has (CiA 301) and that no channel reads."""
 
 
 class Uncounted(bytes):
@@ -65,13 +70,18 @@ class CanOpenBus:
         self._thread: ThreadPoolExecutor | None = None
         self._patience = Patience(settings.timeout_s)
         self._until_s = math.inf
+        self._requests = Requests[CanObject](numbered=False, copied=False)
         self._doubtful: set[int] = set()
-        self._never_values = cycle(_NEVER_VALUES)
+        """Nodes of which frames after an earlier SYNC may still come."""
         self._events: dict[int, NodeEvents] = {}
         self._unwatched: dict[int, Text] = {}
         self._rests = Rests(steps_s=_RESTS_S)
-        self._fitting: dict[int, FittingAnswers] = {}
+        self._heard: dict[int, SdoAnswers] = {}
         self._frames = LatestFrames()
+        self._sent_s = 0.0
+        """When the latest request by SDO was sent."""
+        self._other = b""
+        """The last answer since then that did not fit; empty if there was none."""
         self._synchronised_s = 0.0
         """When the last SYNC was sent."""
         self._taken_s: dict[int, float] = {}
@@ -183,9 +193,9 @@ class CanOpenBus:
 
         identifiers: its TPDOs that are sent after SYNC
         """
-        fitting = self._fitting.get(node)
+        answers = self._heard.get(node)
         frames_s = self._frames.doubled_s(identifiers)
-        by_sdo = (-math.inf, "") if fitting is None else fitting.doubled
+        by_sdo = (-math.inf, "") if answers is None else answers.doubled
         return max(by_sdo, (frames_s, Text("canopen_sync_doubled")))
 
     def early_s(self, identifiers: Iterable[int]) -> float:
@@ -213,6 +223,8 @@ class CanOpenBus:
         network.notifier = Receiver(interface, partial(pass_on, network))  # type: ignore[assignment]
         self._network = network
         self._doubtful.clear()
+        self._heard.clear()
+        self._requests.clear()
         self._taken_s.clear()
         self._frames = LatestFrames()
         if not self._hears_itself:
@@ -229,53 +241,78 @@ class CanOpenBus:
     ) -> list[bytes]:
         if self._network is None:
             raise ConnectError(Text("not_connected"), bus=self.name, device=device)
-        if node not in self._network:
-            dictionary = canopen.ObjectDictionary()  # type: ignore[no-untyped-call]
-            self._network.add_node(canopen.RemoteNode(node, dictionary))
-            # The library keeps every emergency without limit and fails on short heartbeats or commands: it gets none.
-            for identifier in (0, 0x80 + node, 0x700 + node):
-                self._network.unsubscribe(identifier)
-            remote = self._network[node].sdo
-            self._network.unsubscribe(remote.tx_cobid)
-            self._fitting[node] = FittingAnswers(remote.on_response)
-            self._network.subscribe(remote.tx_cobid, self._fitting[node].put)
+        if node not in self._heard:
+            answers = self._heard[node] = SdoAnswers()
+            self._network.subscribe(0x580 + node, answers.put)
             if not self._hears_itself:
-                self._network.subscribe(remote.rx_cobid, self._fitting[node].other_asked)
+                self._network.subscribe(0x600 + node, answers.other_asked)
             self._network.subscribe(0x80 + node, self.events(node).on_emergency)
             self._network.subscribe(0x700 + node, self.events(node).on_heartbeat)
-        sdo = self._network[node].sdo
-        if node in self._doubtful:
-            self._let_late_answers_pass(sdo, device, node)
-        return [self._one(sdo, device, node, wanted, most_bytes) for wanted in objects]
+        return [self._one(device, node, wanted, most_bytes) for wanted in objects]
 
-    def _let_late_answers_pass(self, sdo: Any, device: str, node: int) -> None:
-        """Ask for an object that is never a value, and wait for its answer. A node answers in order: nothing older
-        follows.
-
-        The library would give up at a late answer. Each call asks for a different object, in case the answer to this
-        one is late too.
-        """
-        wanted = next(self._never_values)
-        address = wanted.index.to_bytes(2, "little") + bytes((wanted.subindex,))
-        sdo.responses = queue.Queue()
-        self._fitting[node].expect(wanted)
-        self._let_rest(node)
-        self._send(device, sdo.rx_cobid, bytes((_SDO_READ,)) + address + bytes(4))
-        asked_s = monotonic()
+    def _settle(self, device: str, node: int, wanted: CanObject) -> None:
+        """Ask for an object that is never a value where an earlier answer may be taken for that to this request. A node
+        answers in order: once that is answered, nothing older follows."""
+        requests = self._requests
+        if requests.separator(node, wanted) is None:
+            return
+        other, wait_s = requests.another(node, wanted), self._longest_s(node)
+        is_asked = requests.expects(node, other)  # then the answer to the earlier request will do
+        self._send_request(device, node, other)
         try:
-            while sdo.responses.get(timeout=max(0.0, asked_s + self._longest_s(node) - monotonic()))[1:4] != address:
-                pass
+            while requests.took(node, other) is None and not (is_asked and requests.separator(node, wanted) is None):
+                self._hear(node, self._sent_s + wait_s)
         except queue.Empty:
-            if self._fitting[node].late:
-                raise self._silence(device, node, Text("no_answer"), self._longest_s(node)) from None
-            raise self._unanswered(device, node, wanted, self._longest_s(node)) from None
+            raise self._unanswered(device, node, other, wait_s) from None
         self._rests.answered(node, monotonic())
-        self._fitting[node].is_in_order()
-        self._doubtful.discard(node)
+        self._heard[node].settled()
 
-    def _let_rest(self, node: int) -> None:
-        """Wait for as long as the node needs after its last answer; it is asked then."""
-        sleep(max(0.0, self._rests.left_s(node, monotonic(), first=True)))
+    def _asked(self, device: str, node: int, wanted: CanObject, wait_s: float) -> bytes:
+        """The answer to this request. Raises NoAnswer, BadAnswer or Refused."""
+        self._send_request(device, node, wanted)
+        try:
+            while (came := self._requests.took(node, wanted)) is None:
+                self._hear(node, self._sent_s + wait_s)
+        except queue.Empty:
+            raise self._unanswered(device, node, wanted, wait_s) from None
+        self._rests.answered(node, monotonic())
+        self._requests.was_heard(node)
+        if came.message[0] & KIND == ABORT:
+            error = SdoAbortedError(int.from_bytes(came.message[4:], "little"))
+            what = Text("canopen_refused", node=node, wanted=str(wanted), error=str(error))
+            raise Refused(what, bus=self.name, device=device, hint=Text("profile_fits"))
+        return came.message
+
+    def _send_request(self, device: str, node: int, wanted: CanObject) -> None:
+        self._let_rest(device, node)
+        self._listen_to(node)
+        if not isinstance(wanted, Segment):
+            self._heard[node].expect(wanted)
+        self._sent_s = monotonic()
+        self._requests.sent(node, wanted, self._sent_s)
+        self._send(device, 0x600 + node, wanted.request)
+
+    def _listen_to(self, node: int) -> None:
+        """Hear what has come of it since it was asked last."""
+        with suppress(queue.Empty):
+            while True:
+                self._hear(node, -math.inf)
+        self._other = b""
+
+    def _hear(self, node: int, until_s: float) -> None:
+        """Give its next answer to the request that it fits. Raises queue.Empty."""
+        came_s, answer = self._heard[node].get(until_s)
+        is_unclear = answer[:4] == _NO_OBJECT and sum(unit == node for unit, _ in self._requests.due()) > 1
+        if is_unclear or not self._requests.came(node, answer, came_s):
+            self._other = answer
+
+    def _let_rest(self, device: str, node: int) -> None:
+        """Wait for as long as the node needs after its last answer, if time is left to ask it then."""
+        rest_s = max(0.0, self._rests.left_s(node, monotonic(), first=math.isinf(self._until_s)))
+        if self._until_s - monotonic() - rest_s < _SHORTEST_S:
+            what = Text("canopen_no_time", node=node)
+            raise NoAnswer(what, hurried=True, heard=True, bus=self.name, device=device)
+        sleep(rest_s)
         self._rests.sent(node, monotonic())
 
     def _synchronise(self, device: str, node: int, identifiers: Sequence[int]) -> dict[int, KeptFrame]:
@@ -286,7 +323,7 @@ class CanOpenBus:
         if node not in self._taken_s or taken_s < last_s < monotonic() - self._settings.timeout_s:
             self._doubtful.add(node)
         if node in self._doubtful:
-            self._upload(device, node, ())  # frames of an earlier SYNC arrive before this answer
+            self._flush(device, node)
             taken_s = math.inf  # only its own SYNC serves it
         self._listen(device, identifiers)
         self._frames.synchronous(identifiers)
@@ -304,6 +341,12 @@ class CanOpenBus:
         self._patience.answered(node, _SYNC, max(frame.came_s for frame in found.values()) - asked_s)
         self._taken_s[node] = asked_s
         return found
+
+    def _flush(self, device: str, node: int) -> None:
+        """Ask for what every node has: frames after an earlier SYNC come before its answer."""
+        with suppress(Refused):
+            self._upload(device, node, [_DEVICE_TYPE])
+        self._doubtful.discard(node)
 
     def _listen(self, device: str, identifiers: Sequence[int]) -> None:
         if self._network is None:
@@ -343,49 +386,46 @@ class CanOpenBus:
         except (can.CanError, OSError) as error:
             raise interface_error(self.name, device, self._settings, error) from error
 
-    def _one(self, sdo: Any, device: str, node: int, wanted: CanObject, most_bytes: int) -> bytes:
-        data = b""
+    def _one(self, device: str, node: int, wanted: CanObject, most_bytes: int) -> bytes:
+        self._listen_to(node)
+        self._requests.begin(node, monotonic())
+        self._settle(device, node, wanted)
         longest_s = self._longest_s(node)
         is_slow = longest_s > self._settings.timeout_s
-        sdo.RESPONSE_TIMEOUT = longest_s if is_slow else min(longest_s, self._patience.wait_s(node, wanted))
-        self._let_rest(node)
-        self._fitting[node].expect(wanted)
+        wait_s = longest_s if is_slow else min(longest_s, self._patience.wait_s(node, wanted))
         asked_s = monotonic()
-        try:
-            with sdo.open(wanted.index, wanted.subindex, buffering=0) as segments:
-                while len(data) <= most_bytes:
-                    if self._fitting[node].in_segments:
-                        self._rests.answered(node, monotonic())
-                        self._let_rest(node)
-                    if not (segment := segments.read(most_bytes)):
-                        break
-                    data += segment
-            if segments.exp_data is not None and segments.size is None:
-                data = Uncounted(data)
-        except SdoAbortedError as error:
-            self._rests.answered(node, monotonic())
-            raise Refused(
-                Text("canopen_refused", node=node, wanted=str(wanted), error=str(error)),
-                bus=self.name,
-                device=device,
-                hint=Text("profile_fits"),
-            ) from error
-        except SdoCommunicationError as error:
-            raise self._communication(device, node, wanted, error, sdo.RESPONSE_TIMEOUT) from error
-        except (can.CanError, OSError) as error:
-            raise interface_error(self.name, device, self._settings, error) from error
+        answer = self._asked(device, node, wanted, wait_s)
+        kind = answer[0]
+        if kind & KIND != BEGINS:
+            raise self._not_an_answer(device, node, wanted, answer)
+        if kind & _AT_ONCE:
+            data = answer[4 : 8 - (kind >> 2 & 3)] if kind & _COUNTED else Uncounted(answer[4:])
+        else:
+            data = self._segments(device, node, wanted, most_bytes, wait_s)
+            size = int.from_bytes(answer[4:], "little") if kind & _COUNTED else 0
+            if 0 < len(data) <= most_bytes and len(data) != (size or len(data)):
+                what = Text("canopen_sent", node=node, count=len(data), wanted=str(wanted), size=size)
+                raise BadAnswer(what, bus=self.name, device=device)
         if not 0 < len(data) <= most_bytes:
-            self._doubtful.add(node)
-            size = Text("more_bytes", most=most_bytes) if data else Text("canopen_nothing")
-            raise BadAnswer(
-                Text("canopen_holds", node=node, wanted=str(wanted), size=size), bus=self.name, device=device
-            )
-        if segments.size and len(data) != segments.size:
-            what = Text("canopen_sent", node=node, count=len(data), wanted=str(wanted), size=segments.size)
+            told = Text("more_bytes", most=most_bytes) if data else Text("canopen_nothing")
+            what = Text("canopen_holds", node=node, wanted=str(wanted), size=told)
             raise BadAnswer(what, bus=self.name, device=device)
         self._patience.answered(node, wanted, monotonic() - asked_s)
-        self._rests.answered(node, monotonic())
         return data
+
+    def _segments(self, device: str, node: int, wanted: CanObject, most_bytes: int, wait_s: float) -> bytes:
+        """All of a long number; of one that is longer than `most_bytes` not all."""
+        data, toggle, is_last = b"", 0, False
+        while not is_last and len(data) <= most_bytes:
+            answer = self._asked(device, node, Segment(wanted.index, wanted.subindex, toggle), wait_s)
+            part = answer[1 : 8 - (answer[0] >> 1 & 7)]
+            data, toggle, is_last = data + part, toggle ^ TOGGLE, not part or bool(answer[0] & _LAST)
+        if not is_last:
+            self._end_transfer(device, node, wanted)
+        return data
+
+    def _end_transfer(self, device: str, node: int, wanted: CanObject) -> None:
+        self._send(device, 0x600 + node, bytes((ABORT,)) + wanted.address + bytes(4))
 
     def limit(self, left_s: float) -> None:
         self._until_s = monotonic() + left_s
@@ -393,31 +433,25 @@ class CanOpenBus:
     def _longest_s(self, node: int) -> float:
         """How long an answer may take: longer than the timeout, if that is not enough and no other node waits; when all
         have been asked, as long as is left."""
-        late_s = self._patience.late_s(LONGER * self._fitting[node].late_s)
+        late_s = self._patience.late_s(self._requests.patience_s(node))
         left_s = self._until_s - monotonic()
         if math.isfinite(left_s):
             return max(0.0, min(late_s, left_s))
-        return late_s if len(self._fitting) == 1 else self._settings.timeout_s
-
-    def _communication(
-        self, device: str, node: int, wanted: CanObject, error: Exception, waited_s: float
-    ) -> DriverError:
-        if isinstance(error.__context__, queue.Empty):  # canopen's queue of responses
-            return self._unanswered(device, node, wanted, waited_s)
-        self._doubtful.add(node)
-        return BadAnswer(
-            Text("canopen_object_error", node=node, wanted=str(wanted), error=str(error)), bus=self.name, device=device
-        )
+        return self._settings.timeout_s if self._rests.are_several else late_s
 
     def _unanswered(self, device: str, node: int, wanted: CanObject, waited_s: float) -> DriverError:
-        now_s = monotonic()
-        if not self._fitting[node].late:
+        now_s, timeout_s = monotonic(), self._settings.timeout_s
+        self._requests.missed(node, wanted)
+        if isinstance(wanted, Segment):
+            self._end_transfer(device, node, wanted)
+        if not self._requests.is_late(node):
             self._rests.missed(node, now_s)
-        hurried = waited_s < self._settings.timeout_s
-        others = self._rests.answered_s(node) >= now_s - waited_s - self._settings.timeout_s
-        silence = self._silence(device, node, Text("no_answer"), waited_s, hurried=hurried, others=others)
-        if not (other := self._fitting[node].other) or not isinstance(silence, NoAnswer):
-            return silence
+        others = self._rests.answered_s(node) >= now_s - waited_s - timeout_s
+        silence = self._silence(device, node, Text("no_answer"), waited_s, hurried=waited_s < timeout_s, others=others)
+        is_odd = self._other and isinstance(silence, NoAnswer)
+        return self._not_an_answer(device, node, wanted, self._other) if is_odd else silence
+
+    def _not_an_answer(self, device: str, node: int, wanted: CanObject, other: bytes) -> BadAnswer:
         what = Text("canopen_no_answer_to", node=node, bytes=other.hex(" "), wanted=str(wanted))
         return BadAnswer(what, bus=self.name, device=device)
 
@@ -429,7 +463,7 @@ class CanOpenBus:
         self._patience.missed(node)
         if (lost := self._network.notifier.exception) is not None:
             return interface_error(self.name, device, self._settings, lost)
-        late = node in self._fitting and self._fitting[node].late
+        late = self._requests.was_heard(node)
         return NoAnswer(
             Text("canopen_silent", node=node, what=what, waited_s=waited_s),
             hurried=hurried,

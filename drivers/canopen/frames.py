@@ -1,8 +1,9 @@
 """Frames on a CANopen bus: the filter for the library, and the latest frames that nodes send without being asked."""
 
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from math import inf
+from queue import SimpleQueue
 from threading import Condition
 from time import monotonic
 from typing import Any
@@ -10,28 +11,15 @@ from typing import Any
 import can
 
 from drivers.can.bus import KeptFrame
-from drivers.canopen.place import CanObject
+from drivers.canopen.place import BEGINS, KIND, CanObject
 from drivers.text import Text
 
 _SDO_ANSWERS = range(0x581, 0x600)
 _SDO_BYTES = 8
-_KIND = 0xE0
-"""Bits of the first byte of an SDO answer that say what it is: one of the next three."""
-_SEGMENT = 0x00
-_BEGINS = 0x40
-_ABORT = 0x80
-_AT_ONCE = 0x02
-"""Bit of the first byte of an SDO answer: all of the number is in this frame."""
-_UPLOAD = 0x40
-"""First byte of a request to read an object."""
 _MOST_DUE = 4
 """How many missing frames of a TPDO are counted: that many may come late."""
 _EARLY = 0.7
 """A TPDO that comes after less than this share of its timer is early; of two nodes, each second one is."""
-_TOGGLE = 0x10
-"""Bit of the first byte of an SDO answer that changes from segment to segment."""
-_LAST = 0x01
-"""Bit of the first byte of the last segment."""
 
 
 def pass_on(network: Any, message: can.Message) -> None:
@@ -117,25 +105,14 @@ class LatestFrames:
         return {i: came[i] for i in identifiers if i in came and came[i].came_s >= oldest_s}
 
 
-class FittingAnswers:
-    """Passes on those SDO answers of one node that fit what is asked, and keeps the last of the others.
-
-    An answer that comes twice, or late, does not fit the next request: the library would give up at it, or take another
-    object's abort. Two different answers to one request come from two nodes with one id. The asking thread calls
-    `expect` and `is_in_order`, the receiving one `put` and `other_asked`.
+class SdoAnswers:
+    """The SDO answers of one node as they come. Two different ones to one request come from two nodes with one id; an
+    equal one is a copy and is dropped. The asking thread calls `expect`, `settled` and `get`, the receiving one `put`
+    and `other_asked`.
     """
 
-    def __init__(self, take: Callable[[int, bytes, float], object]) -> None:
-        self._take = take
-        self._address = b""
-        self._asked: dict[bytes, float] = {}
-        """When each object was last asked for, monotonic."""
-        self._toggle: int | None = None
-        """Of the next segment; None: none is due."""
-        self.other = b""
-        """The last answer since the request that did not fit; empty if there was none."""
-        self.late_s = 0.0
-        """How long the last late answer took."""
+    def __init__(self) -> None:
+        self._came = SimpleQueue[tuple[float, bytes]]()
         self._due = Counter[bytes]()
         """How many answers may still come, by object."""
         self._latest = b""
@@ -143,43 +120,28 @@ class FittingAnswers:
         self.doubled: tuple[float, str] = -inf, ""
         """When one request was last answered twice and differently, monotonic, and how."""
 
-    @property
-    def late(self) -> bool:
-        """Whether that answer would have fitted an earlier request."""
-        return self.other[1:4] in self._asked
-
-    @property
-    def in_segments(self) -> bool:
-        """Whether more of the number follows when it is asked for."""
-        return self._toggle is not None
-
     def expect(self, wanted: CanObject) -> None:
-        """The next request is for this object."""
-        self._address = wanted.index.to_bytes(2, "little") + bytes((wanted.subindex,))
-        self._asked[self._address] = monotonic()
-        self._due[self._address] += 1
-        self._toggle, self.other = None, b""
+        """This object is asked for."""
+        self._due[wanted.address] += 1
 
-    def is_in_order(self) -> None:
+    def settled(self) -> None:
         """Every earlier answer has come, or never will."""
         self._due.clear()
 
+    def get(self, until_s: float) -> tuple[float, bytes]:
+        """The next one, and when it came. Waits until monotonic `until_s`; raises queue.Empty. Blocks."""
+        return self._came.get(timeout=max(0.0, until_s - monotonic()))
+
     def other_asked(self, _identifier: int, data: bytes | bytearray, _timestamp: float) -> None:
         """A callback of the canopen library: another master asks the node."""
-        if data[:1] == bytes((_UPLOAD,)):
+        if data[:1] == bytes((BEGINS,)):
             self._due[bytes(data[1:4])] += 1
 
-    def put(self, identifier: int, data: bytes | bytearray, timestamp: float) -> None:
+    def put(self, _identifier: int, data: bytes | bytearray, _timestamp: float) -> None:
         """A callback of the canopen library."""
         answer = bytes(data)
-        if answer[0] & _KIND == _BEGINS and self._is_second(answer):
-            self.other = answer
-        elif self._fits(answer):
-            self._take(identifier, answer, timestamp)
-        else:
-            self.other = answer
-            if self.late:
-                self.late_s = monotonic() - self._asked[answer[1:4]]
+        if not (answer[0] & KIND == BEGINS and self._is_second(answer)):
+            self._came.put((monotonic(), answer))
 
     def _is_second(self, answer: bytes) -> bool:
         """Whether the latest answer comes again where none is due; notes it if it differs."""
@@ -192,29 +154,7 @@ class FittingAnswers:
         if first[1:4] != address:
             return False
         if first != answer:
-            index, sub = int.from_bytes(address[:2], "little"), address[2]
-            self.doubled = (
-                monotonic(),
-                Text(
-                    "canopen_answered_twice",
-                    place=str(CanObject(index, sub)),
-                    one=first.hex(" "),
-                    other=answer.hex(" "),
-                ),
-            )
-        return True
-
-    def _fits(self, data: bytes) -> bool:
-        kind = data[0] & _KIND
-        if kind == _SEGMENT:
-            if self._toggle is None or data[0] & _TOGGLE != self._toggle:
-                return False
-            self._toggle = None if data[0] & _LAST else self._toggle ^ _TOGGLE
-            return True
-        if kind == _ABORT:  # some nodes state no object
-            return data[1:4] in (self._address, bytes(3))
-        if data[1:4] != self._address or self._toggle is not None:
-            return False
-        if kind == _BEGINS and not data[0] & _AT_ONCE:
-            self._toggle = 0
+            place = str(CanObject(int.from_bytes(address[:2], "little"), address[2]))
+            how = Text("canopen_answered_twice", place=place, one=first.hex(" "), other=answer.hex(" "))
+            self.doubled = monotonic(), how
         return True

@@ -9,6 +9,7 @@ import asyncio
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager, suppress
 from itertools import count
+from math import inf
 
 import pytest
 
@@ -23,7 +24,7 @@ from tests.benches.late_answers import Late
 
 pytestmark = pytest.mark.simulated_time
 
-VALUE = CanObject(0x9130, 1)
+VALUE, OTHER = CanObject(0x9130, 1), CanObject(0x9130, 2)
 SDO, TPDOS = 0x585, (0x185, 0x285)
 TIMEOUT_S = 0.1
 SYNC = 0x080
@@ -243,3 +244,34 @@ async def test_node_that_takes_longer_than_the_timeout_is_read() -> None:
     finally:
         await bus.close()
         await adapter.stop()
+
+
+async def test_what_is_asked_after_a_lost_answer() -> None:
+    """The next object's answer shows that nothing older follows; the same object is asked for after another one."""
+    asked, lost = [], [VALUE.address]
+
+    class Losing(Cia404Node):
+        def on_frame(self, identifier: int, data: bytes) -> Sequence[CanFrame]:
+            if identifier != 0x605:
+                return super().on_frame(identifier, data)
+            asked.append(data[1:4])
+            if asked[-1] in lost:
+                lost.clear()
+                return []
+            return super().on_frame(identifier, data)
+
+    async with on(SlcanAdapter([Losing(5, lambda: [20.0, 20.0], inputs=2, digits=0)])) as bus:
+        for order in ([OTHER, VALUE], [VALUE]):
+            lost.append(VALUE.address)
+            with pytest.raises(NoAnswer):
+                await bus.upload("node", 5, [VALUE])
+            asked.clear()
+            bus.limit(0.001)
+            with pytest.raises(NoAnswer) as caught:
+                await bus.upload("node", 5, [VALUE])
+            assert caught.value.what.code == "canopen_no_time"
+            assert asked == []
+            bus.limit(inf)
+            assert [len(data) for data in await bus.upload("node", 5, order)] == [4] * len(order)
+            values = {VALUE.address, OTHER.address}
+            assert [place in values for place in asked] == [True, True] if len(order) == 2 else [False, True]
