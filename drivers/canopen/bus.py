@@ -1,6 +1,7 @@
-"""A CAN bus with CANopen nodes. The canopen library blocks, so it runs in threads that this bus owns and joins.
+"""A CAN bus with CANopen nodes. Interfaces block, so they are used in threads that this bus owns and joins: while
+connected one receives and one asks.
 
-While connected there are two threads: one receives, one asks. The event loop never touches the library.
+The canopen library sends and distributes the frames. Its SDO client is not used: it gives up at a late answer.
 """
 
 import asyncio
@@ -58,7 +59,8 @@ class Uncounted(bytes):
 
 
 class CanOpenBus:
-    """Nodes on one CAN interface. Requests to all nodes queue for one thread."""
+    """Nodes on one CAN interface. Requests to all nodes queue for one thread, which leads each by SDO through its life
+    (`Requests`), as a Modbus bus does."""
 
     kind = CanOpenSettings.bus_kind
     units = CanOpenSettings.units
