@@ -60,10 +60,11 @@ def mend(path: Path, why: str, now: datetime, known: Known) -> Text:
         target.executescript(NEW)
         counts, lost = _copy(path, target)
         outside = newest_outside(path)
-        if known.reference is None and outside is not None:
-            known.reference = _newer_reference(target, outside[1])
+        reference_known = known.reference is not None
+        if not reference_known and outside is not None:
+            known.reference, reference_known = _reference_beside(target, outside[1])
         _restore(target, known)
-        begun = _settle(target, counts, reference_known=known.reference is not None)
+        begun = _settle(target, counts, reference_known=reference_known)
         copied = outside is not None and known.boot is None and (begun or _knows_more(outside[1], target))
         if copied and outside is not None:
             _forget(target, counts)
@@ -122,6 +123,7 @@ def _copy(source: Path, target: sqlite3.Connection) -> tuple[Counter[str], int]:
     Of a table that cannot be read to its end, the rows are also looked for in each page by itself.
     """
     counts, lost, torn, cut = Counter[str](), 0, set[str](), rows_cut_off(source)
+    spoilt_runs = list[RawRow]()
     with closing(sqlite3.connect(source, timeout=10.0)) as connection:
         connection.text_factory = any_text
         connection.execute(
@@ -133,6 +135,7 @@ def _copy(source: Path, target: sqlite3.Connection) -> tuple[Counter[str], int]:
             for row in _all_that_can_be_read(connection, table, names, torn):
                 if not is_whole(table, row) or (row[0], (None, *row[1:])) in cut:
                     lost += 1
+                    spoilt_runs += [row] * (table == "boot")
                     continue
                 with suppress(sqlite3.IntegrityError):
                     counts[table] += target.execute(insert, row).rowcount
@@ -147,20 +150,45 @@ def _copy(source: Path, target: sqlite3.Connection) -> tuple[Counter[str], int]:
                 ((table, row),) = whole
                 with suppress(sqlite3.IntegrityError):
                     counts[table] += target.execute(_insert(table, len(row)), row).rowcount
+    counts["boot"] += _runs_of_copies(spoilt_runs, target)
     return counts, lost
 
 
-def _newer_reference(target: sqlite3.Connection, learnt: Learnt) -> RawRow | None:
-    """The reference that was learnt, if the one that was read is an older one or none was."""
+def _runs_of_copies(spoilt: Sequence[RawRow], target: sqlite3.Connection) -> int:
+    """Insert the rows of these runs with the other copy of the configuration; returns how many had one."""
+    many = 0
+    of_start = "SELECT config FROM running WHERE boot = ? AND fingerprint = ?"
+    for *beginning, _, fingerprint, versions in spoilt:
+        with suppress(*UNREADABLE, UnicodeEncodeError):
+            for (config,) in target.execute(of_start, (beginning[0], fingerprint)).fetchall():
+                run = (*beginning, config, fingerprint, versions)
+                if is_whole("boot", run):
+                    many += target.execute(_insert("boot", len(run)), run).rowcount
+    return many
+
+
+def _reference_beside(target: sqlite3.Connection, learnt: Learnt) -> tuple[RawRow | None, bool]:
+    """The reference that was learnt, if the one that was read is another and not a newer one or none was; and whether
+    it is known which counts."""
     if learnt.reference is None:
-        return None
+        return None, False
     found = target.execute(rows.REFERENCE).fetchone()
     number, why, *rest = rows.of_reference(learnt.reference)
     if found is None:
-        return number, why, *rest
-    if datetime.fromisoformat(found[4]) >= learnt.reference.ended:
-        return None
-    return number, Why.REFERENCE.value, *rest  # counts before all that are older
+        return (number, why, *rest), True
+    ended, asked_for = datetime.fromisoformat(found[4]), found[2] == Why.REFERENCE
+    if ended < learnt.reference.ended:
+        return (number, Why.REFERENCE.value, *rest), True  # counts before all that are older
+    if ended > learnt.reference.ended and found[0] > 1 and not asked_for:  # the first of those that were read
+        return (number, why, *rest), True
+    return None, asked_for or ended == learnt.reference.ended
+
+
+def _without_gap(target: sqlite3.Connection) -> bool:
+    """Whether no measurement before the last one is missing."""
+    first, last, cycles = target.execute("SELECT min(id), max(id), count(*) FROM measurement").fetchone()
+    measured = target.execute("SELECT count(*) FROM frame WHERE errors IS NOT NULL").fetchone()[0]
+    return bool(first == 1 and last == cycles if cycles else not measured)
 
 
 def _is_of(values: Sequence[Any], kinds: Sequence[tuple[tuple[type, ...], bool]]) -> bool:
@@ -207,11 +235,8 @@ def _settle(target: sqlite3.Connection, counts: Counter[str], *, reference_known
         (last,) = target.execute("SELECT max(number) FROM measurement").fetchone()
         if last is not None:
             target.execute("INSERT INTO request VALUES (?, '')", (last + _NUMBERS_SKIPPED,))
-    first, last_id, cycles = target.execute("SELECT min(id), max(id), count(*) FROM measurement").fetchone()
-    measured = target.execute("SELECT count(*) FROM frame WHERE errors IS NOT NULL").fetchone()[0]
-    whole = first == 1 and last_id == cycles if cycles else not measured
     (boots,) = target.execute("SELECT count(*) FROM boot").fetchone()
-    if boots and (whole or reference_known):
+    if boots and (reference_known or _without_gap(target)):
         return False
     # All others count from the reference: with another one they would mean something else.
     _forget(target, counts)

@@ -186,6 +186,28 @@ def test_when_the_record_is_lost_learning_goes_on_from_the_newest_copy_that_is_w
     assert list(tmp_path.glob("g.sqlite.damaged-*"))
 
 
+def test_with_the_reference_in_the_copy_a_lost_page_of_measurements_costs_only_these(
+    whole: Path, tmp_path: Path
+) -> None:
+    path = tmp_path / "g.sqlite"
+    shutil.copy(whole, path)
+    settings = two_temperatures(path)
+    with Store(path, "second", SteppedClock()) as store:
+        state = earlier_run(store, settings).controller.state()
+        store.begin(settings.canonical(), settings.fingerprint(), "")
+        store.keep(Snapshot("marks", state, None, {}, (None,) * 9))
+        store.flush()
+    data = bytearray(path.read_bytes())
+    for centres_of in (0, 75):
+        centres = np.random.default_rng(centres_of).normal(0, 100.0, (6, 3))
+        page = data.index(centres.astype("<f8").tobytes()) // PAGE * PAGE
+        path.write_bytes(data[:page] + bytes(PAGE) + data[page + PAGE :])
+        past, mended = restarted(path, "third")
+        assert mended
+        assert past.last_k == STEPS - 1
+        assert past.reference_mm == pytest.approx(np.random.default_rng(0).normal(0, 100.0, (6, 3)))
+
+
 def test_when_the_disk_fails_while_a_database_is_mended_nothing_is_changed_and_the_next_start_mends_it(
     whole: Path, tmp_path: Path
 ) -> None:
@@ -337,6 +359,18 @@ def test_a_flipped_bit_in_the_number_of_a_run_costs_nothing_but_raw_readings(
     assert len({one for one, _ in runs}) == 4
     if mended:
         assert sorted(one for one, _ in runs) == [1, 2, 3, 4]
+
+
+def test_the_configuration_of_a_start_is_read_from_its_other_copy(whole: Path, tmp_path: Path) -> None:
+    path = tmp_path / "g.sqlite"
+    shutil.copy(whole, path)
+    with closing(sqlite3.connect(path)) as connection, connection:
+        connection.execute("INSERT INTO running SELECT NULL, number, began, config, fingerprint FROM boot")
+        connection.execute("UPDATE boot SET config = CAST(x'ff' || config AS TEXT)")
+    past, mended = restarted(path, "second")
+    assert mended
+    assert past.last_k == STEPS - 1
+    assert not restarted(path, "third")[1]
 
 
 def test_without_a_configuration_learning_begins_again(whole: Path, tmp_path: Path) -> None:
