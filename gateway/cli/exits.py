@@ -6,7 +6,11 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from importlib import import_module
+from math import inf
 from pathlib import Path
+from threading import Thread
+from traceback import walk_tb
+from types import CodeType
 
 import click
 
@@ -97,9 +101,15 @@ def _is_lack_of_memory(error: Exception) -> bool:
     """Also of a library that could not be loaded, or a thread that could not be started: these have no code."""
     if isinstance(error, OSError):
         return error.errno == errno.ENOMEM
-    return isinstance(error, MemoryError) or (
-        isinstance(error, ImportError | RuntimeError) and address_space_left() < _LIBRARY_BYTES
-    )
+    left = address_space_left()
+    no_thread = isinstance(error, RuntimeError) and left < inf and _raised_in(error) == Thread.start.__code__
+    return isinstance(error, MemoryError) or no_thread or (isinstance(error, ImportError) and left < _LIBRARY_BYTES)
+
+
+def _raised_in(error: Exception) -> CodeType | None:
+    """What was left since has given back what it had."""
+    frames = list(walk_tb(error.__traceback__))
+    return frames[-1][0].f_code if frames else None
 
 
 def _damaged(given: Sequence[str]) -> Iterator[Text]:

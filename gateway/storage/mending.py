@@ -120,7 +120,7 @@ def _fresh(path: Path) -> Path:
 def _copy(source: Path, target: sqlite3.Connection) -> tuple[Counter[str], int]:
     """How many rows of each table were read, and how many were found but are not values.
 
-    Of a table that cannot be read to its end, the rows are also looked for in each page by itself.
+    Of a table that cannot be read whole, the rows are also looked for in each page by itself.
     """
     counts, lost, torn, cut = Counter[str](), 0, set[str](), rows_cut_off(source)
     spoilt_runs = list[RawRow]()
@@ -135,6 +135,7 @@ def _copy(source: Path, target: sqlite3.Connection) -> tuple[Counter[str], int]:
             for row in _all_that_can_be_read(connection, table, names, torn):
                 if not is_whole(table, row) or (row[0], (None, *row[1:])) in cut:
                     lost += 1
+                    torn.add(table)  # a page of another table may stand where this one begins
                     spoilt_runs += [row] * (table == "boot")
                     continue
                 with suppress(sqlite3.IntegrityError):

@@ -46,21 +46,29 @@ def test_a_pipe_is_refused_at_once(command: tuple[str, ...], tmp_path: Path) -> 
     assert "eine Pipe oder ein Gerät, keine Datei" in done.output
 
 
-def test_a_process_that_may_take_too_little_memory_to_load_a_library_says_so() -> None:
-    program = """
-import click, resource
+@pytest.mark.parametrize(
+    ("wanted", "left_later"), [("import numpy", "2**22"), ("threading.Thread(target=print).start()", "2**28")]
+)
+def test_a_process_that_may_take_too_little_memory_says_so(wanted: str, left_later: str) -> None:
+    program = f"""
+import click, resource, threading
 from gateway.cli.exits import Commands
 from gateway.runtime.bounded_memory import address_space_left
 
 @click.group(cls=Commands)
 def group(): pass
 
+def leave(size):
+    resource.setrlimit(resource.RLIMIT_AS, (2**32, 2**32))
+    resource.setrlimit(resource.RLIMIT_AS, (int(2**32 - address_space_left() + size), 2**32))
+
 @group.command()
 def one():
-    resource.setrlimit(resource.RLIMIT_AS, (2**32, 2**32))
-    bound = int(2**32 - address_space_left() + 2**24)
-    resource.setrlimit(resource.RLIMIT_AS, (bound, bound))
-    import numpy
+    leave(2**22)
+    try:
+        {wanted}
+    finally:
+        leave({left_later})
 
 group(["one"])
 """

@@ -30,6 +30,7 @@ from tests.benches.spoilt_stores import (
     frame,
     make_whole,
     one_bit,
+    pages_of,
     restarted,
     settle,
     write,
@@ -129,14 +130,19 @@ def test_a_row_that_is_cut_off_is_not_taken_for_one_of_the_same_number_and_size_
     assert rows_cut_off(path) == {(7, (None, (b"cut" + content)[:-300] + bytes(300)))}
 
 
-def test_without_the_pages_that_lead_to_a_table_its_rows_are_found_all_the_same(whole: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("instead", ["zeros", "the page of another table"])
+def test_without_the_pages_that_lead_to_a_table_its_rows_are_found_all_the_same(
+    instead: str, whole: Path, tmp_path: Path
+) -> None:
     data = bytearray(whole.read_bytes())
     with closing(sqlite3.connect(whole)) as connection:
         inner = "SELECT pageno FROM dbstat WHERE name IN ('frame', 'decision', 'measurement') AND pagetype = 'internal'"
         lost = [number for (number,) in connection.execute(inner)]
     assert len(lost) >= 2
+    at = pages_of(whole, "trust")[0]
+    content = bytes(PAGE) if instead == "zeros" else data[at : at + PAGE]
     for number in lost:
-        data[(number - 1) * PAGE : number * PAGE] = bytes(PAGE)
+        data[(number - 1) * PAGE : number * PAGE] = content
     path = tmp_path / "g.sqlite"
     path.write_bytes(data)
     past, _ = restarted(path, "second")
