@@ -26,6 +26,8 @@ LONGER = 1.25
 """Factor of the time that late answers take, where they are waited for beyond the longest wait."""
 _MOST_LONGER = 10
 """Times the longest wait, no late answer is waited for longer."""
+_MOST_LOST = 3
+"""So many answers in a row may be lost; longer waits are of no use then."""
 _MOST_MISSES = 10
 """More are not counted: the longest wait is reached before."""
 
@@ -66,10 +68,10 @@ class Patience:
         self._usual: dict[int, dict[Hashable, _Usual]] = {}
         self._lateness_s = 0.0
 
-    def wait_s(self, unit: int, request: Hashable, *, longer: bool = True) -> float:
+    def wait_s(self, unit: int, request: Hashable, *, loses: bool = False) -> float:
         """How long the answer of this unit to this request may take.
 
-        longer: after each miss
+        loses: whether missing answers are usually lost, so that only many in a row show that one is late
         """
         usual = self._usual.get(unit, {}).get(request)
         if usual is None or usual.count < self._learnt:
@@ -78,7 +80,8 @@ class Patience:
         wait_s = max(_SHORTEST_S, usual.mean_s + more_s)
         if isfinite(self._growth):
             wait_s = min(wait_s, max(self._longest_s / 2, _SLOW * usual.mean_s))
-        return min(self._longest_s, wait_s * self._growth**usual.misses if longer else wait_s)
+        misses = max(0, usual.misses - _MOST_LOST) if loses else usual.misses
+        return min(self._longest_s, wait_s * self._growth**misses)
 
     def late_s(self, wanted_s: float) -> float:
         """How long an answer is waited for that always comes late: that long, within what is reasonable."""

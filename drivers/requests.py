@@ -30,6 +30,8 @@ _IS_LATE = 0.5
 _UNKNOWN = 0.4
 _IS_LOST = 0.2
 """Below this share they count as lost."""
+_LATELY = 4
+"""So many answers."""
 _RECENT_S = 0.5
 """No copy of an answer comes later than this."""
 _AT_ONCE_S = 0.08
@@ -112,8 +114,8 @@ class _Unit(Generic[B]):
     late_share: float = _UNKNOWN
     late_s: float = 0.0
     """How long late answers take."""
-    least_s: float = 0.0
-    """How long its answers take at least, lately."""
+    took_s: deque[float] = field(default_factory=lambda: deque(maxlen=_LATELY))
+    """How long its latest answers took."""
     was_heard: bool = False
     """Whether a late answer has come that has not been told of."""
     recent: deque[_Recent[B]] = field(default_factory=lambda: deque(maxlen=_MOST_RECENT))
@@ -124,6 +126,11 @@ class _Unit(Generic[B]):
     """How often an answer that may have been one was none."""
     equal: dict[tuple[B, B], int] = field(default_factory=dict)
     """How often two blocks were found to really hold the same words."""
+
+    @property
+    def least_s(self) -> float:
+        """How long its answers take at least, lately."""
+        return min(self.took_s) if len(self.took_s) > 1 else 0.0
 
     def missing(self, *, came: bool, took_s: float = 0.0) -> None:
         """What has become of an answer that was waited for in vain."""
@@ -260,7 +267,7 @@ class Requests(Generic[B]):
             one.passes(request)
         if not request.may_be_answered:
             one.open.remove(request)
-        one.least_s = min(now_s - request.sent_s, one.least_s + _NEWEST * (now_s - request.sent_s - one.least_s))
+        one.took_s.append(now_s - request.sent_s)
         first_s = request.sent_s if request.first_s is None else request.first_s
         equal = [r for r in fitting[1:] if r.block == request.block]
         for other in equal:  # which of them was answered shows when, and whether, the other answer comes
@@ -328,7 +335,7 @@ class Requests(Generic[B]):
         return LONGER * one.late_s if one.late_share > _IS_LATE else 0.0
 
     def least_s(self, unit: int) -> float:
-        """How long an answer of the unit takes at least."""
+        """How long an answer of the unit takes at least, lately."""
         return self._of(unit).least_s
 
     def is_late(self, unit: int) -> bool:

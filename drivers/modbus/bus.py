@@ -172,6 +172,21 @@ class ModbusBus(StreamBus, ABC):
         self._rests.opened(asyncio.get_running_loop().time())
         self._opened()
 
+    async def _open_again(self) -> None:
+        """A server with one client may need a moment until it has noticed that the last one is gone."""
+        loop, pause_s = asyncio.get_running_loop(), _SHORTEST_S
+        until_s = loop.time() + min(self._timeout_s, self.left_s)
+        while True:
+            try:
+                await self._open()
+            except ConnectError:
+                if loop.time() + pause_s > until_s:
+                    raise
+            else:
+                return
+            await asyncio.sleep(pause_s)
+            pause_s *= 2
+
     def _opened(self) -> None:
         """Reset what belonged to the last connection."""
 
@@ -180,7 +195,7 @@ class ModbusBus(StreamBus, ABC):
         if self.left_s < _SHORTEST_S:
             raise NotAsked(Text("modbus_no_time", unit=unit), hurried=True, bus=self._name, device=device)
         if self.reopens and self._wanted and not self._stream.is_open:
-            await self._open()
+            await self._open_again()
         opened_s = -inf
         for _ in range(_MOST_REOPENED):
             try:
@@ -190,7 +205,7 @@ class ModbusBus(StreamBus, ABC):
                 at_once = lasted_s < _AT_ONCE_S and self._rests.line_answered_s < opened_s
                 if at_once or not (self.reopens and self._wanted):
                     raise
-            await self._open()
+            await self._open_again()
             opened_s, again = asyncio.get_running_loop().time(), True
         return await self._exchange(device, unit, block, again)
 

@@ -92,7 +92,7 @@ class ModbusDevice:
         Raises WrongDevice, or the bus's errors.
         """
         now = self._clock.monotonic()
-        if not (self._settings.requests or self._codes.requests) and now - self._check_answered_s < _SAME_UNIT_S:
+        if not (self._settings.requests or self._codes.requests) and isfinite(self._check_answered_s):
             return  # it did, and the connection was lost before anything was read
         again = now - self._check_began_s < _SAME_UNIT_S
         if not again:
@@ -128,7 +128,8 @@ class ModbusDevice:
             try:
                 await self._ask(self._values.test, again=again)
             except NoAnswer:
-                self._values.test_missed()
+                if not self._bus.is_late(self._unit):
+                    self._values.test_missed()
                 raise
             except Busy:
                 raise

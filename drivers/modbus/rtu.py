@@ -147,7 +147,7 @@ class RtuFramedBus(ModbusBus):
         self._requests.sent(unit, block, now_s)
 
     def _wait_s(self, unit: int, like: Block) -> float:
-        return self._patience.wait_s(unit, like, longer=not self._requests.loses(unit))
+        return self._patience.wait_s(unit, like, loses=self._requests.loses(unit))
 
     def _sort(self, heard: bytearray, start: int, *, has_just_come: bool = True) -> int:
         now_s, requests = asyncio.get_running_loop().time(), self._requests

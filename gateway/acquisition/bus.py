@@ -29,6 +29,9 @@ class PolledBus:
         self.is_open = False
         self.answers = False
         """Whether a device has been heard since it was opened."""
+        self.was_mute = False
+        """Whether nothing was heard on its last connection that was held for long: another one may be served, however
+        long its devices are to be left alone."""
         self._opened_s = -math.inf
         self._bus, self._limit_s = line.bus, line.read_limit_s
         self.subject = Text(NoticeCode.BUS, name=line.bus.name)
@@ -55,6 +58,11 @@ class PolledBus:
     def settles(self, now_s: float) -> bool:
         """Whether nothing can be concluded yet from the silence of its devices. now_s: monotonic"""
         return self.is_open and not self.answers and now_s - self._opened_s < _SETTLE_S
+
+    def heard(self) -> None:
+        """A device is heard."""
+        self.answers, self.was_mute = True, False
+        self.breaker.succeeded()
 
     async def open(self, now_s: float) -> None:
         """Open the bus; now_s: monotonic.

@@ -141,7 +141,7 @@ class BusRunner:
         for device in self.devices:
             try:
                 await device.greet()
-                self._bus.answers = True
+                self._bus.heard()
             except MemoryError:
                 raise
             except Exception as error:  # noqa: BLE001 - a driver's bug must not end the other buses
@@ -157,7 +157,8 @@ class BusRunner:
         self._unsure.clear()
         for device in self.devices:
             device.heard = False
-        asked = (healthy or self._waiting(due)) and (self._bus.is_open or await self._open_bus(due))
+        is_due = healthy or self._bus.was_mute or self._waiting(due)
+        asked = is_due and (self._bus.is_open or await self._open_bus(due))
         if not asked:
             for device in self.devices:
                 self._publish_fault(device)
@@ -172,9 +173,11 @@ class BusRunner:
         await self._ask_again(due)
         await self._try_failing(waiting, due)
         await self._ask_later(due)
-        self._bus.answers |= any(device.heard for device in self.devices)
-        if not (self._bus.settles(due) or any(device.heard for device in self.devices)):
+        if any(device.heard for device in self.devices):
+            self._bus.heard()
+        elif not self._bus.settles(due) and all(device.breaker.failing for device in self.devices):
             # No device answers: the connection itself may be at fault (half-open TCP, adapter unplugged).
+            self._bus.was_mute = not self._bus.answers
             await self.close()
         await self._bus.end_period()
 
@@ -186,9 +189,9 @@ class BusRunner:
         return self._clock.monotonic() - device.wavered_s >= self._steady_s
 
     def _waiting(self, due: float) -> list[PolledDevice]:
-        """Failing devices that are due, the longest waiting first; on a new connection all are."""
-        settles = self._bus.settles(due)
-        waiting = [d for d in self.devices if d.breaker.failing and (settles or d.breaker.allows(due))]
+        """Failing devices that are due, the longest waiting first; on a connection without an answer yet all are."""
+        is_new = self._bus.is_open and not self._bus.answers
+        waiting = [d for d in self.devices if d.breaker.failing and (is_new or d.breaker.allows(due))]
         return sorted(waiting, key=lambda device: device.breaker.retry_at)
 
     async def _ask_again(self, due: float) -> None:
@@ -269,7 +272,10 @@ class BusRunner:
             for device in self.devices:
                 device.detail = text
             return False
-        self._bus.breaker.succeeded()
+        if self._bus.was_mute:
+            self._bus.breaker.failed(due)
+        else:
+            self._bus.breaker.succeeded()
         return True
 
     async def _ask(self, device: PolledDevice, due: float, *, last: bool = False, within_s: float = math.inf) -> bool:
@@ -282,7 +288,7 @@ class BusRunner:
             self._publish_fault(device)
             return False
         steady = self._steady(device)
-        error = await self._read(device, within_s=within_s)
+        error = await self._read(device, due, within_s=within_s)
         if error is not None:
             if (last and not device.heard) or not self._may_be_asked_again(device, error):
                 await self._failed(device, due, error)
@@ -292,7 +298,7 @@ class BusRunner:
 
     async def _ask_once_more(self, unsure: _Unsure, due: float, within_s: float = math.inf) -> bool:
         """The same for a device that may answer this time, within `within_s`; otherwise it may be asked again."""
-        error = await self._read(unsure.device, again=True, within_s=within_s)
+        error = await self._read(unsure.device, due, again=True, within_s=within_s)
         if error is not None:
             unsure.asks += 1
             if not (isinstance(unsure.error, DriverError) and not unsure.error.hurried):
@@ -305,7 +311,9 @@ class BusRunner:
                 self._unsure.append(unsure)
         return error is None
 
-    async def _read(self, device: PolledDevice, *, again: bool = False, within_s: float = math.inf) -> Exception | None:
+    async def _read(
+        self, device: PolledDevice, due: float, *, again: bool = False, within_s: float = math.inf
+    ) -> Exception | None:
         """Read one device and publish its readings; otherwise returns why it could not be read."""
         try:
             with self._bus.limited(within_s):
@@ -313,11 +321,12 @@ class BusRunner:
         except MemoryError:
             raise
         except Exception as error:  # noqa: BLE001 - likewise
-            device.wavered_s = self._clock.monotonic()
+            # While another one is late, it may only suffer from that, and comes before it.
+            device.wavered_s = due if self._unsure else self._clock.monotonic()
             return error
         if device.answered_s is not None:
             self._answered_s[device.driver.device] = device.answered_s
-        self._bus.answers = True
+        self._bus.heard()
         device.breaker.succeeded()
         self._reports.answered(device.subject, readings)
         self._publish(samples(readings, self._sequence()))
@@ -337,7 +346,9 @@ class BusRunner:
         device.detail = self._reports.failed(device.subject, error)
         self._publish_fault(device)
         lost = isinstance(error, ConnectError | OSError)  # the connection, or a read hangs on it
-        if device.heard and not lost:
+        # Alone on its bus, one that was given less than its full time delays nobody if it is asked on.
+        hurried = len(self.devices) == 1 and isinstance(error, DriverError) and error.hurried and not device.silent
+        if (device.heard or hurried) and not lost:
             device.lost, device.silent = device.lost + 1, 0
             device.breaker.succeeded()
             return

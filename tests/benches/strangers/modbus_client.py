@@ -3,6 +3,7 @@ gateway must."""
 
 import asyncio
 from collections.abc import Mapping, Sequence
+from math import ceil
 
 from simulators.devices.modbus_servers import crc16
 from tests.benches.strangers.driven_loop import DrivenLoop, Line
@@ -72,7 +73,7 @@ async def plainly_read(
                 read.pop(one[0], None)
             elif one[0] in read:
                 read[one[0]] = loop.time() - due_s
-        due_s = max(due_s + nature.period_s, loop.time())
+        due_s += nature.period_s * max(1, ceil((loop.time() - due_s) / nature.period_s))
     if line is not None:
         line.close()
     return rounds
