@@ -98,11 +98,13 @@ def _index_in(head: Sequence[str]) -> str | None:
 
 def _named_once(head: Sequence[str], problems: FileProblems) -> None:
     """Every column but the first must have its own name."""
+    before = set[str]()
     for number, name in enumerate(head):
-        if name in head[:number]:
+        if name in before:
             problems.add(f"column {number + 1}", f"{name!r} occurs twice")
         elif not name and number:
             problems.add(f"column {number + 1}", "has no name; give it one, then --ignore NAME leaves it out")
+        before.add(name)
 
 
 def _present(head: Sequence[str], time: str, others: Sequence[str], problems: FileProblems) -> None:
