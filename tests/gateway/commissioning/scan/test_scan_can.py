@@ -9,7 +9,7 @@ from pathlib import Path
 
 import can as python_can
 import pytest
-from canopen.sdo.client import SdoClient
+from canopen import Network
 
 from drivers.can.survey import Heard
 from drivers.canopen.settings import CanOpenSettings
@@ -253,14 +253,14 @@ def test_invalid_group_is_refused(options: tuple[str, ...], says: str) -> None:
 
 @pytest.mark.simulated_time
 async def test_a_bug_in_the_library_is_a_remark_and_the_other_nodes_are_asked(monkeypatch: pytest.MonkeyPatch) -> None:
-    opens, failures = SdoClient.open, [KeyError("no such key")]
+    sends, failures = Network.send_message, [KeyError("no such key")]
 
-    def buggy(client: SdoClient, *arguments: object, **named: object) -> object:
-        if failures:
+    def buggy(network: Network, identifier: int, *arguments: object, **named: object) -> None:
+        if failures and identifier == 0x605:  # a request to node 5
             raise failures.pop()
-        return opens(client, *arguments, **named)  # type: ignore[no-untyped-call]
+        sends(network, identifier, *arguments, **named)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(SdoClient, "open", buggy)
+    monkeypatch.setattr(Network, "send_message", buggy)
     async with bus([node(5), node(7)]) as (_, what):
         report = await scan(what)
     assert not failures
