@@ -268,9 +268,8 @@ class History:
 
     def measurements(self, within: TimeSpan | None = None) -> list[StoredMeasurement]:
         """Every probing cycle, or those that ended in a span, oldest first; `centres_mm` has three columns."""
-        return [
-            rows.measurement_of(row) for row in self._rows(rows.MEASUREMENT_COLUMNS, "measurement", "ended", within)
-        ]
+        columns = f"{rows.MEASUREMENT_COLUMNS}, {rows.CODE_OF_REASON if self._has('coded') else rows.NO_CODE}"
+        return [rows.coded_measurement_of(row) for row in self._rows(columns, "measurement", "ended", within)]
 
     def residuals_um(self) -> list[float]:
         """What no rigid body explains of each measurement that was used, RMS, µm, oldest first."""
@@ -310,8 +309,7 @@ class History:
 
     @property
     def _event_columns(self) -> str:
-        """With code and values; an earlier program stored only what it said."""
-        return f"{rows.EVENT_COLUMNS}, {rows.CODE_OF_EVENT if self._has('coded') else 'NULL, NULL'}"
+        return f"{rows.EVENT_COLUMNS}, {rows.CODE_OF_EVENT if self._has('coded') else rows.NO_CODE}"
 
     def operator_texts(self) -> list[Text]:
         """What operators were told, newest first."""

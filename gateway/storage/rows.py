@@ -47,7 +47,12 @@ STEP_COLUMNS = (
 RUN_COLUMNS = "number, began, config, fingerprint, versions"
 MEASUREMENT_COLUMNS = "number, why, ended, centres, in_force, errors, reason, asked"
 EVENT_COLUMNS = "time, k, kind, text, error, value, bound"
-CODE_OF_EVENT = ", ".join(f"(SELECT {name} FROM coded WHERE coded.text = event.text)" for name in ("code", "content"))
+CODE_OF_EVENT, CODE_OF_REASON = (
+    ", ".join(f"(SELECT {name} FROM coded WHERE coded.text = {of})" for name in ("code", "content"))
+    for of in ("event.text", "measurement.reason")
+)
+NO_CODE = "NULL, NULL"
+"""In their place, in a file of an earlier program, which stored only what it said."""
 COMPENSATION_COLUMNS = "time, mode, source, offsets, written"
 COMMAND_COLUMNS = "time, name, by, accepted, text"
 
@@ -258,6 +263,13 @@ def measurement_of(row: Sequence[Any]) -> StoredMeasurement:
         _array(in_force).reshape(-1, 3).squeeze(), None if errors is None else _array(errors), reason,
         datetime.fromisoformat(asked),
     )  # fmt: skip
+
+
+def coded_measurement_of(row: Sequence[Any]) -> StoredMeasurement:
+    """From MEASUREMENT_COLUMNS and CODE_OF_REASON."""
+    *plain_row, code, content = row
+    found = measurement_of(plain_row)
+    return found if code is None else replace(found, reason=restored(found.reason, code, json.loads(content)))
 
 
 def event_of(row: Sequence[Any]) -> tuple[datetime, int | None, Event]:

@@ -17,6 +17,7 @@ import pytest
 
 from drivers.base import Quality
 from gateway.config.applied import ConfigurationApplied
+from gateway.model.codes import NoticeCode
 from gateway.model.compensation import Source, Step, Write
 from gateway.model.events import (
     CompensationStepped,
@@ -28,7 +29,7 @@ from gateway.model.events import (
 )
 from gateway.model.probing import End, Outcome
 from gateway.model.sample import Sample
-from gateway.model.text import plain
+from gateway.model.text import Text, values_of
 from gateway.nc.settings import Identity
 from gateway.storage.faults import StoreError
 from gateway.storage.history import History
@@ -127,6 +128,9 @@ def test_steps_come_back_bit_for_bit_in_order_with_the_models_adopted_after_them
     assert steps[2].decision.events == (event,)
 
 
+REFUSAL = Text(NoticeCode.RESULT_SURPRISING, error="EY0A", difference=6.4, unit="µm")
+
+
 def test_measurements_keep_the_raw_centres_and_why_they_were_refused(tmp_path: Path) -> None:
     path = tmp_path / "g.sqlite"
     centres = np.arange(18.0).reshape(6, 3) / 7.0
@@ -145,7 +149,7 @@ def test_measurements_keep_the_raw_centres_and_why_they_were_refused(tmp_path: P
                     (0.0, 0.0, 0.0),
                     None,
                     math.nan,
-                    plain("refused: alarm"),
+                    REFUSAL,
                     End.REFUSED,
                 )
             )
@@ -156,7 +160,8 @@ def test_measurements_keep_the_raw_centres_and_why_they_were_refused(tmp_path: P
     assert same_bits(accepted.centres_mm, centres)
     assert same_bits(accepted.in_force_um, (1.0, 2.0, 1 / 3))
     assert same_bits(accepted.errors, AWKWARD)
-    assert (refused.centres_mm, refused.errors, refused.reason) == (None, None, "refused: alarm")
+    assert (refused.centres_mm, refused.errors, refused.reason) == (None, None, REFUSAL)
+    assert values_of(refused.reason) == values_of(REFUSAL)
 
 
 def test_every_write_to_the_control_is_kept(tmp_path: Path) -> None:
