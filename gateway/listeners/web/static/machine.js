@@ -85,7 +85,7 @@ export const showMachine = (v) => {
   const open = openProblems(), wrong = verdict.failed ? sentence(verdict.failed) : v.alive && open ? word("events.open").replace("{n}", open) : "";
   showWord(verdict, wrong);
   $("failed").classList.toggle("none", !wrong);
-  put($("failed"), wrong || (v.alive && verdict.colour === "green" ? word("events.no_open") : ""));
+  put($("failed"), wrong || (v.alive && verdict.colour === "green" ? word(v.notices.length ? "events.no_open" : "events.nothing") : ""));
   const heard = v.heard ? [make("span", word("page.heard").replace("{at}", exact.format(new Date(v.heard))))] : [];
   if (!v.alive && !simulated && v.heard) heard.push(make("span", " · " + word("page.now").replace("{at}", clock.format(present()))));
   if (simulated) heard.push(...heard.length ? [make("span", " · ")] : [], make("b", word("page.simulated").replace("{at}", weekday.format(simulated))));
