@@ -59,7 +59,7 @@ class Asked(Hashable, Protocol):
 
 B = TypeVar("B", bound=Asked)
 
-_REFUSED = 0x80
+REFUSED = 0x80
 """Bit of the first byte of a Modbus exception, and of an SDO abort."""
 
 
@@ -148,7 +148,7 @@ class _Unit(Generic[B]):
 
     def hears(self, request: Request[B], message: bytes, now_s: float) -> None:
         """This is its answer, or a copy of another one: then its own is still to come."""
-        if request.may_be_answered and not message[0] & _REFUSED:  # a refusal may be that of a later request
+        if request.may_be_answered and not message[0] & REFUSED:  # a refusal may be that of a later request
             self.copied_s = now_s
         request.may_be_answered = self._may_be_a_copy(request.block, message, now_s)
         self.recent.append(_Recent(request.block, message, now_s))
@@ -161,7 +161,7 @@ class _Unit(Generic[B]):
         if self.not_copied >= _EQUAL_OFTEN and isinf(self.copied_s):
             return False
         equal = [r for r in self.recent if r.message == message and now_s - r.at_s <= _AT_ONCE_S]
-        if message[0] & _REFUSED:
+        if message[0] & REFUSED:
             return bool(equal) and now_s - self.copied_s < COPIES_S
         return any(r.block == block for r in equal)
 
@@ -275,7 +275,7 @@ class Requests(Generic[B]):
         if request.is_late and not equal:
             one.missing(came=True, took_s=now_s - first_s)
             one.was_heard = True
-        if message[0] & _REFUSED:
+        if message[0] & REFUSED:
             for other in fitting[1:]:
                 other.may_be_refused = True
         if (
@@ -375,7 +375,7 @@ class Requests(Generic[B]):
     def is_doubtful(self, unit: int, block: B, message: bytes, now_s: float) -> bool:
         """Whether this may be a copy of an answer to another request."""
         one, doubtful = self._of(unit), False
-        if self._numbered or message[0] & _REFUSED:
+        if self._numbered or message[0] & REFUSED:
             return False
         for recent in one.like(block, now_s):
             if recent.message != message:

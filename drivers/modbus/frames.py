@@ -19,7 +19,8 @@ from pymodbus.pdu.register_message import (
     ReadInputRegistersResponse,
 )
 
-from drivers.modbus.numbers import REFUSED, Block
+from drivers.modbus.numbers import Block
+from drivers.requests import REFUSED
 
 _REQUESTS: dict[int, type[ModbusPDU]] = {
     1: ReadCoilsRequest,

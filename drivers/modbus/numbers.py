@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 from drivers.readings import total
+from drivers.requests import REFUSED
 from drivers.text import NOTHING, Text
 
 Order = Literal["big", "little"]
@@ -17,8 +18,6 @@ AddressRange = tuple[int, int, int]
 REGISTER_FUNCTIONS = (3, 4)
 BIT_FUNCTIONS = (1, 2)
 REGISTER_BITS = 16
-REFUSED = 0x80
-"""Bit of the function code of an exception."""
 _FORMATS: Mapping[object, tuple[str, int]] = {
     "int16": ("h", 1),
     "uint16": ("H", 1),

@@ -5,11 +5,10 @@ gateway. SQLite keeps no checksums of its pages: a bit that flips within a numbe
 """
 
 import json
-import re
 import sqlite3
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -24,6 +23,8 @@ from gateway.storage.learnt import parse_learnt
 from gateway.storage.schema import NEW, UNREADABLE, shown_as
 from gateway.storage.snapshot import marks_of
 
+_MOST_PAGES = 20
+"""So many findings of SQLite are told."""
 _NOT_COPIED = ("reading", "minute", "mark", "thinned", "recent_minute", "gathered", "reading_block")
 """Raw readings stay in a file that is set aside: they are many, and nothing is learnt from them."""
 _LARGEST = 1e9
@@ -84,9 +85,7 @@ def damage_found(path: Path) -> list[str]:
     with closing(sqlite3.connect(path, timeout=10.0)) as source:
         source.text_factory = any_text
         try:
-            pages = source.execute("PRAGMA integrity_check(20)").fetchall()
-            roots = dict(source.execute("SELECT rootpage, tbl_name FROM sqlite_master").fetchall())
-            found += [_named(str(text), roots) for (text,) in pages if text != "ok"]
+            found += _pages_of_tables(source)
             for table in checked_columns():
                 bad[shown_as(table)] += sum(
                     not is_whole(table, row) for row in source.execute(f"SELECT * FROM {table}")
@@ -98,11 +97,20 @@ def damage_found(path: Path) -> list[str]:
     ]
 
 
-def _named(found: str, roots: Mapping[int, str]) -> str:
-    """SQLite's sentence, which says at which page a table begins, after what the table is."""
-    at = re.search(r"[Tt]ree (?:page )?(\d+)", found)
-    table = roots.get(int(at[1])) if at else None
-    return f"{shown_as(table)}: {found}" if table else found
+def _pages_of_tables(source: sqlite3.Connection) -> list[str]:
+    """What SQLite finds wrong with the pages, after what the table is. Raises sqlite3.Error."""
+    if not (found := _pages(source, str(_MOST_PAGES))):
+        return []
+    named = list[str]()
+    with suppress(*UNREADABLE):
+        tables = source.execute("SELECT name FROM sqlite_master WHERE type = 'table'").fetchall()
+        for (table,) in (("sqlite_master",), *tables):
+            named += [f"{shown_as(table)}: {text}" for text in _pages(source, f'"{table}"')]
+    return named[:_MOST_PAGES] or found
+
+
+def _pages(source: sqlite3.Connection, of: str) -> list[str]:
+    return [str(text) for (text,) in source.execute(f"PRAGMA integrity_check({of})") if text != "ok"]
 
 
 def inputs_of_run(config: str) -> int | None:

@@ -206,7 +206,5 @@ def make_schema(path: Path) -> Path | None:
             if mark == 0:
                 connection.execute(f"PRAGMA application_id = {MARK}")
     except UNREADABLE as error:
-        if is_damage(error) and looks_like_a_database(path):
-            raise DamagedError(f"{path}: is not a database of this gateway: {error}") from error
         raise unusable(path, error) from error
     return backup

@@ -30,7 +30,7 @@ const picture = (branches, width, height) => {
     found.push(drawn("path", { class: `line ${kind}`, d: path(known.map((j) => [b.t[j], b.high[j]])) }));
     if (tolerance && b.turn !== null && b.turn <= HOURS * 3600) {
       // The words lie where the curve does not: above the limit before it rises over it or after it has fallen, a second one below on the other side.
-      const rises = b.high[0] <= tolerance, room = (at) => at ? x(b.turn) - left > WORDS : width - right - x(b.turn) > WORDS, before = room(rises !== turned > 0) ? rises !== turned > 0 : room(true);
+      const rises = b.high[0] <= tolerance, best = rises === (turned === 0), room = (before) => WORDS < (before ? x(b.turn) - left : width - right - x(b.turn)), before = room(best) ? best : !best;
       found.push(drawn("circle", { class: "ready", cx: x(b.turn), cy: y(tolerance), r: 5 }), drawn("text", { class: before ? "turn end" : "turn", x: x(b.turn) + (before ? -8 : 8), y: y(tolerance) + (turned ? 18 : -7) },
         word(rises ? "until.at" : "until.ready").replace("{at}", clock.format(began + b.turn * 1e3))));
       turned += 1;
