@@ -13,7 +13,7 @@ from urllib.parse import parse_qs, urlsplit
 
 import pytest
 from PIL import Image
-from playwright.sync_api import Page, Response, expect
+from playwright.sync_api import Page, Response, Route, expect
 
 from gateway.model.text import texts
 from gateway.runtime.passwords import make_hash
@@ -122,6 +122,8 @@ def asked_span(answer: Response) -> tuple[float, float]:
 def test_an_opened_page_shows_what_the_gateway_has_stored_of_before(looked_at: PageRig) -> None:
     with looked_at.page("/machine/mill#time") as page:
         expect(page.locator("#chart .u-over")).to_have_count(1)
+        held: list[Route] = []
+        page.route("**/past/mill?*", lambda route: held.append(route), times=1)
         page.select_option("#span", "168")
         with page.expect_response(lambda answer: past_days(answer) > 25.0) as answered:
             page.select_option("#span", "720")
@@ -129,6 +131,8 @@ def test_an_opened_page_shows_what_the_gateway_has_stored_of_before(looked_at: P
         assert len(answered.value.json()["t"]) == 500
         expect(page.locator("#past-problem")).to_be_empty()
         expect(page.locator("#stored-since")).not_to_be_empty()
+        with page.expect_response(lambda answer: 5.0 < past_days(answer) < 10.0):
+            held[0].continue_()  # the answer to what is no longer asked comes last
         over = page.locator("#chart .u-over")
         box = over.bounding_box()
         assert box is not None
@@ -136,6 +140,7 @@ def test_an_opened_page_shows_what_the_gateway_has_stored_of_before(looked_at: P
         expect(page.locator("#reading")).not_to_contain_text("without")
         over.hover(position={"x": 0.9 * box["width"], "y": 40})
         expect(page.locator("#reading")).to_contain_text("without")
+        expect(page.locator("#stored-since")).not_to_be_empty()
         picture(page, "page-month")
         with page.expect_response(lambda answer: 0.0 < past_days(answer) < 25.0) as finer:
             page.mouse.move(box["x"] + 0.80 * box["width"], box["y"] + 40)  # seven of thirty days are stored

@@ -8,14 +8,15 @@ import { amount, clock, date, exact, sentence, time, word } from "./words.js";
 let chart = null, course = null, axis = 2, zoomed = false, forecast = true, tolerance = null, visible = false;
 // What the gateway has stored of before: thinned over the chosen span, and finer where somebody has zoomed in.
 let past = null, fine = null, heats = null, pastTo = null, askedMs = -Infinity, marks = [], moment = null;
-let asking = 0, askingHeat = 0;
+let asking = {}, askingHeat = 0;
 const AGAIN_S = 1800, PATIENCE_MS = 60000;
 const NO_PAST = { t: [], without: [[], [], []], half: [[], [], []], measured_t: [], measured: [[], [], []], measured_left: [[], [], []] };
 const span = () => Number($("span").value) * 3600;
 const fail = (to, why) => put($("past-problem"), why ? word("chart.no_past").replace("{at}", time(to * 1e3)).replace("{why}", () => why) : "");
-const ask = async (from, to) => {
-  const own = ++asking, { found, why } = await fetchPast(from, to);
-  if (own !== asking) return null;
+// Undefined: the same has been asked for anew meanwhile.
+const ask = async (what, from, to) => {
+  const own = asking[what] = {}, { found, why } = await fetchPast(from, to);
+  if (own !== asking[what]) return undefined;
   fail(to, why);
   return found;
 };
@@ -26,7 +27,9 @@ const loadPast = async () => {
   fine = null;
   pastTo = to;
   askedMs = performance.now();
-  const wanted = to - from > 300, found = wanted ? await ask(from, to) : null;
+  asking = {};
+  const wanted = to - from > 300, found = wanted ? await ask("span", from, to) : null;
+  if (found === undefined) return;
   put($("stored-since"), found?.t.length && found.t[0] - from > 0.05 * span() ? word("chart.stored_since").replace("{at}", time(found.t[0] * 1e3)) : "");
   if (found || !wanted) past = found; else if (pastTo === to) pastTo = null;
   redraw();
@@ -42,7 +45,7 @@ const refine = async (min, max) => {
   loadHeat(min, Math.min(max, ended()));
   const to = Math.min(max, began());
   if (!past || to - min < 300) return;
-  const found = await ask(min, to);
+  const found = await ask("zoom", min, to);
   if (found) { fine = { ...found, min, to }; redraw(); }
 };
 const pick = (p, keep, keepDots) => {
