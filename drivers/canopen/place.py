@@ -80,5 +80,7 @@ class Segment(CanObject):
         return True
 
 
-_NEVER_VALUES = CanObject(0x1000, 0), CanObject(0x1001, 0), CanObject(0x1018, 0)
-"""Objects that every node has (CiA 301) and that no channel reads."""
+_NEVER_VALUES = CanObject(0x1000, 0), CanObject(0x1001, 0), *(CanObject(0x1018, subindex) for subindex in range(16))
+"""Objects that no channel reads. Every node has the first four (CiA 301), and refuses by name what it has not. Many,
+because a node that was one answer behind has left many requests unanswered, and its next answer must be to one that
+has not been asked for."""
