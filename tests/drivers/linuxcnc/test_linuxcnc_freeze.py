@@ -61,7 +61,13 @@ async def test_offsets_stand_still_from_the_first_touch_to_the_last_and_nothing_
             while not await marked(bench, 2):
                 await bench.operator.ask("freeze", "talc_agent.py")  # for less than the program would notice
                 chunks.append(np.array(await bench.operator.ask("sample", 2000, *SIGNALS)))
+                looked_s = await bench.operator.number("getp", "talc.seen")
                 await bench.operator.ask("thaw", "talc_agent.py")
+
+                async def looked(before_s: float = looked_s) -> bool:
+                    return await bench.operator.number("getp", "talc.seen") > before_s
+
+                await until(looked)
                 chunks.append(np.array(await bench.operator.ask("sample", 100, *SIGNALS)))
         told = await bench.nc.probing_status(17)
 
