@@ -40,7 +40,8 @@ from talc.names import ERROR_UNITS, THERMAL_ERRORS
 
 HOURS = 4.0
 """Thermal time of the machine between reference and measurement."""
-SILENCE_S = 6.0
+SILENCE_S = 15.0
+"""So long a computer with other work may leave the gateway or LinuxCNC without a processor."""
 SLEW_UM_PER_S = 100.0
 _IDLE_S = 12 * 3600.0
 _LOADS = MachineDrive(
