@@ -128,7 +128,9 @@ def _week(selected: str, now_degC: dict[str, float]) -> CoursePage:
     found["spindle_rear"] = course(0.0, now_degC.get("spindle_rear", 25.0), 10.0)
     reasons = _hourly(begin, end)[-asked.limit :] if asked.reasons else []
     shown = found if asked.temperatures else {}
-    return CoursePage(times, errors(times), measured, errors(measured), [0.4] * len(measured), shown, reasons)
+    loads: dict[str, list[float | None]] = {"spindle_speed": [1500.0] * len(times)} if asked.inputs else {}
+    answer = CoursePage(times, errors(times), measured, errors(measured), [0.4] * len(measured), shown, reasons)
+    return msgspec.structs.replace(answer, inputs=loads)
 
 
 def _hourly(begin: float, end: float) -> list[StoredReason]:

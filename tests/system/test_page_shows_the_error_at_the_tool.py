@@ -1,5 +1,6 @@
 """The numbers and the charts of the error at the tool, as a browser shows them."""
 
+import csv
 import json
 import re
 from io import BytesIO
@@ -9,6 +10,7 @@ import pytest
 from PIL import Image, ImageColor
 from playwright.sync_api import Locator, Page, expect
 
+from gateway.model.text import texts
 from talc.names import THERMAL_ERRORS
 from tests.benches.page_rig import LIMIT_MS, PageRig, page_rig, played_mill
 from tests.benches.page_shifts import TWO_FRAMES
@@ -33,6 +35,11 @@ def drawn(page: Page, ink: str) -> int:
 
 def signed(um: float) -> str:
     return "0.0\u202fµm" if abs(um) < 0.05 else f"{um:+.1f}\u202fµm".replace("-", "\u2212")
+
+
+def um_of(text: str) -> float:
+    """The last number of a text, without its interval."""
+    return float(re.findall(r"[+\u2212]?[\d.]+", text.partition(" ±")[0])[-1].replace("\u2212", "-"))
 
 
 def number(page: Page, axis: str, of: str) -> Locator:
@@ -116,28 +123,45 @@ def test_a_drag_and_the_wheel_zoom_and_a_double_click_shows_all(looked_at: PageR
 
 
 def test_what_moved_the_tool_at_a_clicked_moment_adds_up_and_what_is_seen_is_exported(looked_at: PageRig) -> None:
-    """The store's reasons are of each full hour before the played day; c_table gives 1 µm of EZ0A."""
+    """The store's reasons are of each full hour before the played day; what has changed since is a part by itself."""
     with looked_at.page("/machine/mill#time", zone="UTC") as page:
         over = page.locator("#chart .u-over")
         expect(over).to_have_count(1)
+        with page.expect_response(re.compile("/past/mill")):
+            page.select_option("#span", "168")
         box = over.bounding_box()
         assert box is not None
-        with page.expect_response(lambda answer: "/corrections/mill?before=" in answer.url) as answered:
-            over.click(position={"x": box["width"] / 4, "y": 60})
-        last = answered.value.json()["lines"][0]
-        stack = page.locator("#drives .stack")
-        expect(stack).to_have_count(1)
-        parts = page.locator("#moment-why .part-of").all_inner_texts()
-        total = last["estimate"]["n"]
-        shown = [float(part.split("\u00a0")[1].replace("\u2212", "-")) for part in parts]
-        assert sum(shown) == pytest.approx(total, abs=0.051)
-        assert 1.0 in shown
-        expect(page.locator("#moment-why .total")).to_have_text(signed(sum(shown)))
+        changed, stack = [], page.locator("#moment-why .stack")
+        for share in (0.13, 0.31, 0.5, 0.52, 0.77, 0.9):
+            with (
+                page.expect_response(re.compile("/corrections/mill.before=")),
+                page.expect_response(re.compile("errors=1")),
+            ):
+                over.click(position={"x": share * box["width"], "y": 60})
+            expect(stack.locator(".part-of")).not_to_have_count(0)
+            page.mouse.move(0, 0)  # the reading is of the moment
+            at, drawn_at = (
+                page.locator(title).inner_text().split(" · ")[1] for title in ("#moment-title", "#reading-title")
+            )
+            assert at == drawn_at == page.locator("#why-moment").text_content()
+            parts = {part.rsplit("\u00a0", 1)[0]: um_of(part) for part in stack.locator(".part-of").all_inner_texts()}
+            total = um_of(stack.locator(".total").inner_text())
+            assert sum(parts.values()) == pytest.approx(total, abs=0.01)
+            assert total == pytest.approx(
+                um_of(page.locator("#reading dt:text-is('without') + dd").inner_text()), abs=0.11
+            )
+            assert 1.0 in parts.values(), "c_table"
+            changed += [um for name, um in parts.items() if name.startswith(texts("en")["moves.since"].split("{")[0])]
+        assert max(map(abs, changed)) > 2.0, "of up to 10 µm an hour"
+        with page.expect_response(lambda answer: "temperatures=1" in answer.url):
+            page.check("#series input[name=spindle_speed]")  # it moves none of the errors
+        expect(page.locator("#reading")).to_contain_text("spindle_speed1,500.0")
         with page.expect_download() as saved:
             page.click("#csv")
-        heading, *lines = saved.value.path().read_text("utf-8").splitlines()
-        assert {"time_utc", "without_um", "left_um", "measured_um"} <= set(heading.split(","))
+        lines = list(csv.DictReader(saved.value.path().read_text("utf-8").splitlines()))
+        assert {"time_utc", "without_um", "left_um", "measured_um"} <= lines[0].keys()
         assert len(lines) > 50
+        assert sum(line["spindle_speed"] == "1500" for line in lines) > 50
         with page.expect_download() as drawn_file:
             page.click("#png")
         with Image.open(drawn_file.value.path()) as picture:

@@ -184,7 +184,7 @@ class _Pages:
                 page = await asyncio.to_thread(ask, name, begin, end, MOST_POINTS)
             with self._site.machines() as machines:
                 viewpoint = viewpoint_of(machines.get(name) or MachineSeen(name))
-            shown = shown_past(page, viewpoint.matrix)
+            shown = shown_past(page, viewpoint.matrix, by_error="errors" in request.query_params)
         except (OSError, ValueError) as error:
             return unanswered(why(error))
         return Response(_ENCODER.encode(shown), media_type="application/json")

@@ -158,6 +158,13 @@ def channels(seen: MachineSeen) -> Iterator[ShownChannel]:
     yield from sorted(shown, key=lambda c: (c.good, not c.doubt, c.value is None or c.value.u != _CELSIUS, c.channel))
 
 
+def other_inputs(seen: MachineSeen) -> Iterator[tuple[str, float | None]]:
+    """Inputs of the last grid step that are no channels, such as loads; None: without a good value."""
+    for channel, value in {} if seen.frame is None else seen.frame.inputs.items():
+        if channel not in seen.readings:
+            yield channel, value if math.isfinite(believable(value)) else None
+
+
 def _doubted(seen: MachineSeen) -> dict[str, tuple[str, tuple[str, ...]]]:
     """By input, the kind of the finding and the inputs that it concerns besides."""
     found: dict[str, tuple[str, tuple[str, ...]]] = {}

@@ -38,11 +38,13 @@ class ShownPast:
     """What measurements found beyond the correction; of a gateway that does not tell, nothing."""
     temperatures: dict[str, list[float | None]] = field(default_factory=dict, kw_only=True)
     """By channel, at each time, the other inputs as well; only if they were asked for."""
+    errors: dict[str, list[float | None]] = field(default_factory=dict, kw_only=True)
+    """The nine thermal errors at each time, µm and µm/m; only if they were asked for."""
     marks: list[tuple[float, str]] = field(default_factory=list, kw_only=True)
     """When notable events were, UTC seconds, and their marks."""
 
 
-def shown_past(page: CoursePage, matrix: FloatArray) -> ShownPast:
+def shown_past(page: CoursePage, matrix: FloatArray, *, by_error: bool = False) -> ShownPast:
     """At one place. Raises ValueError for columns of different lengths."""
     errors, sigma = estimates_of(page.errors, len(page.time))
     measured, _ = estimates_of(page.measured, len(page.measured_time))
@@ -57,6 +59,7 @@ def shown_past(page: CoursePage, matrix: FloatArray) -> ShownPast:
             name: _temperature(name, column, len(page.time))
             for name, column in (page.temperatures | page.inputs).items()
         },
+        errors=dict(zip(THERMAL_ERRORS, columns(errors, 4), strict=True)) if by_error else {},
         marks=[(time, mark) for time, kind in page.marked if math.isfinite(time) and (mark := mark_of(kind))],
     )
 
@@ -90,9 +93,9 @@ def written(text: str) -> float:
     return float(text) if WRITTEN_NUMBER.fullmatch(text) else math.nan
 
 
-def columns(values: FloatArray) -> list[list[float | None]]:
-    """(n, 3) as three lists, to a hundredth of a micrometre."""
-    return [[round(v, 2) if math.isfinite(v) else None for v in column] for column in values.T.tolist()]
+def columns(values: FloatArray, digits: int = 2) -> list[list[float | None]]:
+    """(n, m) as m lists, rounded."""
+    return [[round(v, digits) if math.isfinite(v) else None for v in column] for column in values.T.tolist()]
 
 
 def estimates_of(found: dict[str, PublishedCourse], size: int) -> tuple[FloatArray, FloatArray]:

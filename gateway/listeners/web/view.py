@@ -95,6 +95,8 @@ class MachineView:
     tool_notes: tuple[Sentence, ...]
     waits: tuple[SaidRow, ...]
     channels: tuple[parts.ShownChannel, ...]
+    inputs: dict[str, float | None]
+    """Those of the last grid step that are no channels, such as loads; null: without a good value."""
     driven: tuple[parts.DrivenError, ...]
     reasons: str | None
     """When the learner gave the reasons of `driven`."""
@@ -127,6 +129,7 @@ def view(seen: MachineSeen, viewpoint: Viewpoint, now_s: float, own: tuple[SaidR
         tool_notes=tuple(_tool_notes(seen)),
         waits=(*parts.waits(seen), *cost_of_waiting(seen, viewpoint.matrix, now_s)),
         channels=tuple(parts.channels(seen)),
+        inputs=dict(parts.other_inputs(seen)),
         driven=tuple(parts.driven(seen)),
         reasons=None if seen.reasons is None else seen.reasons.time,
         doubts=tuple(parts.doubts(seen)),

@@ -165,6 +165,7 @@ class MachineSeen:
     """The gateway's time of the latest message, and when it was received, monotonic seconds."""
     latest_s: float = 0.0
     simulated: bool = False
+    frame: FrameMessage | None = None
     decision: DecisionMessage | None = None
     compensation: CompensationMessage | None = None
     status: StatusMessage | None = None
@@ -253,7 +254,8 @@ class MachineSeen:
         """The gateway is another one, or was away: nothing that was heard holds for now. The past is kept."""
         self._away = self._anew = self.boot != ""
         self.boot, self.latest, self._newest = boot, None, -1
-        self.decision, self.compensation, self.status, self.probing = None, None, None, None
+        self.frame, self.decision, self.compensation = None, None, None
+        self.status, self.probing = None, None
         self.reasons, self.forecast, self.sensors = None, None, None
         self.readings.clear()
         self._sequence.clear()
@@ -284,7 +286,9 @@ class MachineSeen:
             case EventMessage():
                 if not self.events or (self.events[-1].boot, self.events[-1].seq) != (message.boot, message.seq):
                     self.events.append(message)
-            case FrameMessage() | ModelMessage():
+            case FrameMessage():
+                self.frame = message
+            case ModelMessage():
                 pass  # not shown
             case _:
                 assert_never(message)

@@ -36,7 +36,7 @@ const loadPast = async () => {
 };
 const loadHeat = async (from, to) => {
   if (!chosen.size) return;
-  const own = ++askingHeat, { found } = await fetchPast(from, to, true);
+  const own = ++askingHeat, { found } = await fetchPast(from, to, "temperatures");
   if (own !== askingHeat || !found) return;
   heats = found;
   redraw();
@@ -148,10 +148,11 @@ const follow = (u, key) => {
 };
 
 const told = [];
-// Calls `tell` with each moment that somebody chooses, UTC seconds; null: the present.
+// Calls `tell` with each moment that somebody chooses, UTC seconds; null: the present. There is an estimate of it.
 export const onMoment = (tell) => told.push(tell);
 const choose = (t) => {
-  moment = t !== null && t <= ended() ? t : null;
+  const estimated = t !== null && t <= ended() ? [before(), course].flatMap((p) => p.t.filter((_, j) => p.without.every((c) => c[j] !== null))) : [];
+  moment = estimated.length ? estimated.reduce((a, b) => (Math.abs(b - t) < Math.abs(a - t) ? b : a)) : null;
   told.forEach((tell) => tell(moment));
   if (chart) { chart.redraw(false); read(); }
 };
@@ -322,9 +323,9 @@ const toggle = (channel) => {
   again();
   loadHeat(chart && zoomed ? chart.scales.x.min : ended() - span(), ended());
 };
-// Of inputs that are no channels, such as loads, only what is stored can be drawn.
-export const showSeries = (channels, driven) => {
-  names = [...new Set([...channels.map((c) => c.channel), ...driven.flatMap((e) => e.movers.map(([input]) => input))])].sort();
+// A gateway that has just begun again has not told its loads yet.
+export const showSeries = (inputs) => {
+  names = [...new Set([...names, ...inputs.map((c) => c.channel)])].sort();
   offer(names);
 };
 // Only this channel, and its neighbours, beside the errors at the tool.
@@ -350,7 +351,7 @@ const quoted = (text) => `"${text.replaceAll('"', '""')}"`;
 // What is seen: the shown series within the shown span.
 const saveCsv = () => {
   const { min, max } = chart.scales.x, shown = chart.series.flatMap((each, i) => i && each.show ? [i] : []);
-  const heading = ["time_utc", ...shown.map((i) => i <= TOOL ? HEADINGS[i - 1] : quoted(`${[...chosen][i - TOOL - 1]} ${unit([...chosen][i - TOOL - 1])}`))];
+  const heading = ["time_utc", ...shown.map((i) => i <= TOOL ? HEADINGS[i - 1] : quoted(`${[...chosen][i - TOOL - 1]} ${unit([...chosen][i - TOOL - 1])}`.trim()))];
   const lines = chart.data[0].flatMap((t, j) => t < min || t > max ? [] : [[new Date(t * 1e3).toISOString(), ...shown.map((i) => chart.data[i][j] ?? "")].join(",")]);
   save(fileName("csv"), "text/csv", [heading.join(","), ...lines, ""].join("\r\n"));
 };

@@ -110,8 +110,9 @@ export const showMachine = (v) => {
   keepTolerance(v.tolerance_um);
   keepSphere(v.sphere_mm);
   showModel(v, sphere(), point().slice(3), v.alive);
-  if (v.alive && v.gateway_time) hear(v.channels, Date.parse(v.gateway_time) / 1e3);
-  showSeries(v.channels, v.driven);
+  const inputs = [...v.channels, ...Object.entries(v.inputs).map(([channel, n]) => ({ channel, good: n !== null, value: n === null ? null : { n, u: "" } }))];
+  if (v.alive && v.gateway_time) hear(inputs, Date.parse(v.gateway_time) / 1e3);
+  showSeries(inputs);
   showLastDay(v);
   draw("tool-notes", v.tool_notes, () => say(v.tool_notes, "note"));
   showWhen(v);

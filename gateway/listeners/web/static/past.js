@@ -2,9 +2,9 @@
 import { machine, query } from "./choice.js";
 import { whyNot } from "./words.js";
 
-// from, to: UTC seconds; temperatures: whether they are asked for, too. Returns columns, or why there are none.
-export const fetchPast = async (from, to, temperatures = false) => {
-  const answer = await fetch(`/past/${encodeURIComponent(machine)}?from=${from}&to=${to}&${query()}${temperatures ? "&temperatures=1" : ""}`).catch(() => null);
+// from, to: UTC seconds; also: "temperatures" or "errors" are asked for, too. Returns columns, or why there are none.
+export const fetchPast = async (from, to, also = "") => {
+  const answer = await fetch(`/past/${encodeURIComponent(machine)}?from=${from}&to=${to}&${query()}${also && `&${also}=1`}`).catch(() => null);
   if (answer && answer.ok) return { found: await answer.json(), why: "" };
   return { found: null, why: await whyNot(answer) };
 };

@@ -56,7 +56,7 @@ const load = async () => {
   if (!visible || !latest || !latest.gateway_time || performance.now() - askedMs < AGAIN_MS) return;
   askedMs = performance.now();
   const now = Date.parse(latest.gateway_time) / 1e3;
-  stored = (await fetchPast(now - HOURS * 3600, now, true)).found;
+  stored = (await fetchPast(now - HOURS * 3600, now, "temperatures")).found;
   list();
 };
 export const showSensors = (v) => {

@@ -2,6 +2,7 @@
 import { machine } from "./choice.js";
 import { $, changed, make, piece, put } from "./elements.js";
 import { onMoment } from "./chart.js";
+import { fetchPast } from "./past.js";
 import { AXES } from "./screens.js";
 import { amount, time, word } from "./words.js";
 
@@ -9,6 +10,8 @@ export const REST = "";
 export const SINCE = ">";
 const LEVEL = "=";
 let latest = null, axis = "Z", moment = null, then = null, thenAt = null;
+// When the reasons were given that are being drawn.
+let reasonsAt = null;
 const tenths = (n) => Math.round(n * 10) / 10;
 // Rounded parts that add up to the rounded sum: what rounding leaves goes to the rest.
 const even = (parts, total) => {
@@ -16,7 +19,7 @@ const even = (parts, total) => {
   if (rest) rest.n = tenths(rest.n + gap); else if (gap) own.push({ key: REST, n: gap });
   return own.filter((p) => p.n);
 };
-const named = (key) => key === REST ? word("heat.others") : key === LEVEL ? word("heat.level") : key === SINCE ? word("moves.since").replace("{at}", time(latest.reasons)) : key;
+const named = (key) => key === REST ? word("heat.others") : key === LEVEL ? word("heat.level") : key === SINCE ? word("moves.since").replace("{at}", time(reasonsAt)) : key;
 const OWN = [REST, LEVEL, SINCE], KINDS = { [REST]: "rest", [LEVEL]: "level", [SINCE]: "since" };
 // The largest first, and then what is no input.
 const ranked = (parts) => [...parts].sort((a, b) => OWN.includes(a.key) - OWN.includes(b.key) || Math.abs(b.n) - Math.abs(a.n));
@@ -86,6 +89,11 @@ const errorsNow = ({ driven, errors }) => driven.map((e) => {
 });
 export const errorsThen = (lines) => lines.map((c) => ({ error: c.error, total: c.estimate.n, unit: c.estimate.u,
   parts: [...c.movers.map(([key, by]) => ({ key, n: by.n })), { key: REST, n: c.rest.n }] }));
+// The errors of a moment, as `lines` tell of the last reasons before it, with what had changed since.
+const errorsAt = (errors, lines) => Object.entries(errors).flatMap(([error, total]) => {
+  const told = errorsThen(lines.filter((c) => c.error === error))[0] ?? { error, total: 0, unit: latest.driven.find((e) => e.error === error)?.estimate.u, parts: [] };
+  return total === null || !total && !told.parts.length ? [] : [{ ...told, total, parts: [...told.parts, { key: SINCE, n: total - told.total }] }];
+});
 const bodyOf = (channel) => latest.channels.find((c) => c.channel === channel)?.body ?? "";
 const errorRows = (errors) => errors.map((e) => ({ name: e.error, note: word("error." + e.error), unit: e.unit, total: tenths(e.total), key: e.error, said: e.said,
   parts: even(e.parts.map((p) => ({ ...p, part: bodyOf(p.key) })), e.total) }));
@@ -102,6 +110,7 @@ export const axisRow = (errors, i) => {
       found.set(key, sum);
     }
   }
+  total = Math.round(total * 100) / 100;  // as in the chart
   return { name: AXES[i], unit: "µm", total: tenths(total), key: AXES[i], parts: even([...found.values()], total) };
 };
 // Parts that have no colour of their own are among the other inputs.
@@ -136,19 +145,20 @@ const show = () => {
   giveInks("now", wholes.flat().flatMap((row) => row.parts.map((p) => [p.key, p.n])));
   if (!changed("why", [moment, errors, latest.reach, axis, latest.alive, time(latest.gateway_time), allInks()])) return;
   const [now, rows] = wholes.map((each) => each.map(folded));
-  $("why-axes").replaceChildren(...(rows.length ? stacks(rows) : none()));
+  reasonsAt = latest.reasons;
   $("now-why").replaceChildren(...(now.length ? stacks(now) : [make("p", word("tool.nothing"), "empty")]));
   $("now-keys").replaceChildren(...ranked([...new Map(now.flatMap((row) => row.parts).map((p) => [p.key, p])).values()]).map((p) => {
     const part = make("span", named(p.key), "part-of");
     part.prepend(dressed(make("i", undefined, "share"), p));
     return part;
   }));
+  if (moment !== null) reasonsAt = thenAt;
+  $("why-axes").replaceChildren(...(rows.length ? stacks(rows) : none()));
   fitLabels();
   $("drives").replaceChildren(...stacks(errorRows(errors)));
   $("drives-empty").hidden = errors.length > 0;
   $("moment-why").replaceChildren(...(rows.length ? stacks([rows[AXES.indexOf(axis)]]) : none()));
-  // Of a moment, the last reasons before it.
-  const told = moment !== null ? thenAt : latest.alive ? null : latest.reasons;
+  const told = moment !== null ? moment * 1e3 : latest.alive ? null : latest.reasons;
   put($("why-moment"), told ? time(told) : "");
   const at = moment === null && latest.alive ? latest.reasons && time(latest.gateway_time) : told && time(told);
   put($("moment-title"), word("moves.title") + (at ? ` · ${at}` : ""));
@@ -158,6 +168,7 @@ export const showWhy = (v) => {
   show();
 };
 export const showAxis = (shown) => { axis = shown.axis; show(); };
+const STEP_S = 1;
 let asking = 0;
 const follow = async (t) => {
   const own = ++asking;
@@ -165,13 +176,16 @@ const follow = async (t) => {
   [then, thenAt] = [null, null];
   show();
   if (t === null) return;
-  const before = new Date(t * 1e3 + 1).toISOString();
-  const answer = await fetch(`/corrections/${encodeURIComponent(machine)}?before=${encodeURIComponent(before)}`).catch(() => null);
+  // A step takes less than a second to be decided and explained.
+  const before = new Date((t + STEP_S) * 1e3).toISOString();
+  const [answer, { found }] = await Promise.all([fetch(`/corrections/${encodeURIComponent(machine)}?before=${encodeURIComponent(before)}`).catch(() => null),
+    fetchPast(t - STEP_S, t + STEP_S, "errors")]);
   const lines = answer && answer.ok ? (await answer.json()).lines : [];
   if (own !== asking) return;
-  const last = Math.max(...lines.map((c) => c.k));
-  const told = lines.filter((c) => c.k === last);
-  [then, thenAt] = [errorsThen(told), told[0]?.t ?? null];
+  const last = Math.max(...lines.map((c) => c.k)), told = lines.filter((c) => c.k === last);
+  const nearest = found?.t.length ? found.t.reduce((best, at, j) => (Math.abs(at - t) < Math.abs(found.t[best] - t) ? j : best), 0) : null;
+  thenAt = told[0]?.t ?? null;
+  then = told.length && nearest !== null ? errorsAt(Object.fromEntries(Object.entries(found.errors).map(([error, column]) => [error, column[nearest]])), told) : null;
   show();
 };
 export const readyWhy = () => {

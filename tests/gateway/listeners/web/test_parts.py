@@ -10,7 +10,7 @@ from gateway.listeners.web.sentences import Amount, Atom, SaidRow, Sentence, Tol
 from gateway.model.codes import NoticeCode
 from gateway.model.text import Text, json_of, texts
 from gateway.model.wording import finding_text
-from gateway.telemetry.messages import PublishedReason, ReasonsMessage, SensorFinding
+from gateway.telemetry.messages import FrameMessage, PublishedReason, ReasonsMessage, SensorFinding
 from tests.benches.heard import BEGAN, STEP, HeardMachine
 
 
@@ -252,3 +252,10 @@ def test_a_certificate_says_how_long_it_is_valid_by_the_gateways_clock(
     assert (row.said.say, row.mark) == (said, mark)
     assert row.said.values["field"] == ToldName("[telemetry.tls] certificate")
     assert row.said.values["n"] == Amount(days, d=0)
+
+
+def test_inputs_that_are_no_channels_are_told_whether_or_not_they_move_an_error() -> None:
+    heard = HeardMachine()
+    heard.reading("spindle_rear", 31.2)
+    heard.hear("frame", FrameMessage(*heard.stamp(), 0, {"spindle_rear": 31.2, "speed": 1500.0, "feed": None}, None))
+    assert dict(parts.other_inputs(heard.seen)) == {"speed": 1500.0, "feed": None}

@@ -66,6 +66,13 @@ def test_temperatures_come_only_if_they_are_asked_for_and_are_as_many_as_the_tim
     assert (answer.status_code, answer.json()) == (503, {"s": "bed: 1 numbers for 2 times"})
 
 
+def test_the_nine_errors_come_only_if_they_are_asked_for() -> None:
+    page = mill_page(StoredElsewhere(lambda: stored(None)))
+    errors = page.get("/past/mill", params=SPAN | {"errors": "1"}).json()["errors"]
+    assert (len(errors), errors["EZ0A"], errors["ER0T"]) == (9, [30.0, None], [0.0, 0.0])
+    assert page.get("/past/mill", params=SPAN).json()["errors"] == {}
+
+
 def test_without_a_choice_it_is_shown_where_the_probing_sphere_is() -> None:
     """A tilt about Y of 100 µm/m moves the tool by 8 µm in X at 80 mm, and by 12 µm in Z at 120 mm."""
     tilt = {e: PublishedCourse([100.0 * (e == "EB0C")], [0.0]) for e in THERMAL_ERRORS}
