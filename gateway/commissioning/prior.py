@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import click
 import numpy as np
 
-from gateway.control.restart.rebuild import Rebuilt, rebuilt, start_of
+from gateway.control.restart.rebuild import rebuilt, start_of
 from gateway.runtime.extras import need_extra
 from gateway.runtime.whole_file import write_whole
 from gateway.storage.configurations import stored_config
@@ -139,8 +139,8 @@ def _of_database(path: Path) -> Controller:
     with History(path) as history:
         config = stored_config(history).with_prior(None)
         config = config.model_copy(update={"talc": replace(config.talc, method="learner")})
-        steps = history.steps(names=config.input_names)
-        return rebuilt(steps, config, Rebuilt(start_of(config, history.learnt()))).controller
+        start = start_of(config, history)
+        return rebuilt(history.steps(start.after_k, config.input_names), config, start).controller
 
 
 def _of_collected(machine: "CollectedMachine") -> Controller:

@@ -76,12 +76,12 @@ def run_replay(folder: Path, port: int, use: str) -> None:
     database = folder / "gateway.sqlite"
     with History(database) as history:
         config = stored_config(history)
-        steps = list(history.steps())
+        start = start_of(config, history)
+        steps = list(history.steps(start.after_k))
         if not steps:
             raise StoreError(f"{database}: contains no frames yet; run talc-gateway demo first")
         record = _Record(config, history)
-        controller = start_of(config, history.learnt())
-    asyncio.run(_play(folder, port, use, config, controller, steps, record))
+    asyncio.run(_play(folder, port, use, config, start.controller, steps, record))
 
 
 class _Record:

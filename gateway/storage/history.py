@@ -212,21 +212,26 @@ class History:
     def moment(self) -> StepTime | None:
         """What the clocks said at the last frame; an earlier program's is taken for numbered by a clock that was right.
 
-        None: there is neither a frame nor anything imported.
+        What was learnt without them is of an unknown time. None: there is neither a frame nor anything that was learnt.
         """
         row = self._connection.execute("SELECT * FROM moment").fetchone() if self._has("moment") else None
+        last_k, learnt = self.latest_k(), self.learnt()
+        if learnt is not None and (last_k is None or last_k < learnt[1]):
+            return StepTime(learnt[1], "", 0.0, 0.0, known=False)
         if row is not None:
             _, k, origin, monotonic_s, lead_s, known = row
             return StepTime(k, origin, monotonic_s, lead_s, bool(known))
-        last_k = self.latest_k()
         if last_k is not None:
             return StepTime(last_k, "", 0.0, 0.0, known=True)
-        # What another database had learnt is of an unknown time.
-        return None if self.learnt() is None else StepTime(-1, "", 0.0, 0.0, known=False)
+        return None
 
-    def learnt(self) -> str | None:
-        """What was imported before the first step (`gateway.storage.learnt`); None: nothing was."""
-        return self._content("learnt") if self._has("learnt") else None
+    def learnt(self) -> tuple[str, int] | None:
+        """What stands for the steps until a grid index (`gateway.storage.learnt`), and this index; -1: it was imported
+        before the first step. None: the steps alone tell what was learnt."""
+        if not self._has("learnt"):
+            return None
+        row = self._connection.execute("SELECT content, slot - 1 FROM learnt").fetchone()
+        return None if row is None else (str(row[0]), int(row[1]))
 
     def _content(self, source: str, *values: object) -> str | None:
         """The text in the first row of a table or a join; None: it has no row."""

@@ -37,15 +37,21 @@ def import_learnt(path: Path, learnt: Learnt, text: str, now: datetime, *, repla
                     path.with_name(path.name + ending).rename(aside.with_name(aside.name + ending))
         make_schema(path)
         with closing(connect(path)) as connection, connection:
-            put_learnt(connection, learnt, text, now)
+            put_learnt(connection, text, now)
+            put_reference(connection, learnt)
     finally:
         lock.release()
     return aside
 
 
-def put_learnt(connection: sqlite3.Connection, learnt: Learnt, text: str, now: datetime) -> None:
-    """Put it into a database without a record. text: of the file that `learnt` is from"""
-    connection.execute("INSERT OR REPLACE INTO learnt VALUES (0, ?, ?)", (now.isoformat(), text))
+def put_learnt(connection: sqlite3.Connection, text: str, now: datetime, last_k: int = -1) -> None:
+    """Put a file of what was learnt in the place of all steps until a grid index; -1: before the first one."""
+    connection.execute("DELETE FROM learnt")
+    connection.execute("INSERT INTO learnt VALUES (?, ?, ?)", (last_k + 1, now.isoformat(), text))
+
+
+def put_reference(connection: sqlite3.Connection, learnt: Learnt) -> None:
+    """Put the reference of what was learnt into a database without a record."""
     connection.execute("DELETE FROM measurement")
     if (reference := learnt.reference) is not None:
         # It stays the first measurement, which all others are relative to.

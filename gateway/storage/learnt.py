@@ -74,6 +74,11 @@ class Learnt:
     reference: Reference | None
     """None: nothing was measured."""
 
+    @property
+    def last_k(self) -> int:
+        """Grid index of the last step that was learnt from; -1: not known."""
+        return -1 if self.state.last_k is None else self.state.last_k
+
 
 def learnt_text(learnt: Learnt) -> str:
     """As JSON, with a line end."""

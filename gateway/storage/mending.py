@@ -16,7 +16,7 @@ from gateway.model.text import Text, Value
 from gateway.storage import rows
 from gateway.storage.damage import RawRow, any_text, checked_columns, inputs_of_run, is_whole
 from gateway.storage.epochs import begin_epoch
-from gateway.storage.imported import put_learnt
+from gateway.storage.imported import put_learnt, put_reference
 from gateway.storage.leaf_pages import rows_cut_off, rows_in_pages
 from gateway.storage.learnt import Learnt
 from gateway.storage.outside import newest_outside
@@ -67,8 +67,9 @@ def mend(path: Path, why: str, now: datetime, known: Known) -> Text:
         begun = _settle(target, counts, reference_known=reference_known)
         copied = outside is not None and known.boot is None and (begun or _knows_more(outside[1], target))
         if copied and outside is not None:
-            _forget(target, counts)
-            put_learnt(target, outside[1], outside[0], now)
+            put_learnt(target, outside[0], now, outside[1].last_k)
+            if begun:
+                put_reference(target, outside[1])
         lost += _recounted(target, counts)
         begin_epoch(target)
         target.commit()
@@ -82,10 +83,11 @@ def mend(path: Path, why: str, now: datetime, known: Known) -> Text:
     new.replace(path)
     kept = ", ".join(f"{counts[table]} of {table}" for table in _LEARNT)
     coded = isinstance(why, Text) and why.code
-    told: dict[str, Value] = {"path": str(path), "why": why if coded else " ".join(why.split()), "aside": aside.name}
+    told: dict[str, Value] = {
+        "path": str(path), "why": why if coded else " ".join(why.split()), "aside": aside.name, "kept": kept
+    }  # fmt: skip
     if copied:
         return Text(NoticeCode.STORE_FROM_COPY, **told)
-    told["kept"] = kept
     if lost:
         return Text(NoticeCode.STORE_BEGUN_LOST if begun else NoticeCode.STORE_MENDED_LOST, **told, lost=lost)
     return Text(NoticeCode.STORE_BEGUN if begun else NoticeCode.STORE_MENDED, **told)
@@ -245,10 +247,13 @@ def _settle(target: sqlite3.Connection, counts: Counter[str], *, reference_known
 
 
 def _knows_more(learnt: Learnt, target: sqlite3.Connection) -> bool:
-    """Whether the record that is left has less than half of the measurements that were learnt from."""
-    (measured,) = target.execute("SELECT count(*) FROM frame WHERE errors IS NOT NULL").fetchone()
+    """Whether the record that is left lacks measurements that were learnt from."""
+    found = "SELECT count(*) FROM frame WHERE errors IS NOT NULL AND k <= ?"
+    (measured,) = target.execute(found, (learnt.last_k,)).fetchone()
+    (stood_for,) = target.execute("SELECT coalesce(max(slot), 0) FROM learnt").fetchone()
     course = learnt.state.course
-    return bool(measured == 0 or (course is not None and 2 * measured < max(course.learner.mixture.count)))
+    lacks = measured == 0 or (course is not None and measured < max(course.learner.mixture.count))
+    return bool(lacks and learnt.last_k >= stood_for - 1)
 
 
 def _forget(target: sqlite3.Connection, counts: Counter[str]) -> None:

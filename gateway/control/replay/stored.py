@@ -7,7 +7,7 @@ from itertools import takewhile
 import numpy as np
 
 from gateway.control.restart.earlier import decide_alike
-from gateway.control.restart.rebuild import Rebuilt, rebuilt, start_of
+from gateway.control.restart.rebuild import rebuilt, start_of
 from gateway.storage.configurations import from_stored, stored_config
 from gateway.storage.history import History
 from gateway.storage.stored import StoredStep
@@ -48,16 +48,15 @@ def replay(history: History, progress: Callable[[int], None] = lambda _: None) -
     """
     runs = [(k, from_stored(text, prior)) for k, text, prior in history.runs()] or [(0, stored_config(history))]
     _, config = runs.pop(0)
-    learnt = history.learnt()
-    controller = start_of(config, learnt)
-    result, job = ReplayResult(), None
-    for step in history.steps():
+    start = start_of(config, history)
+    controller, result, job = start.controller, ReplayResult(), None
+    for step in history.steps(start.after_k):
         while runs and runs[0][0] <= step.frame.k:
             (first_k, after), before = runs.pop(0), config
             config = after
             if not decide_alike(before, after):
-                earlier = takewhile(_before(first_k), history.steps(names=after.input_names))
-                restarted = rebuilt(earlier, after, Rebuilt(start_of(after, learnt)))
+                earlier = takewhile(_before(first_k), history.steps(start.after_k, after.input_names))
+                restarted = rebuilt(earlier, after, start_of(after, history))
                 controller, job = restarted.controller, restarted.job
         decision = controller.step(step.frame)
         result.steps += 1

@@ -137,8 +137,10 @@ def past_of(history: History, config: GatewayConfig, progress: RebuildProgress =
     """
     reference = history.reference()
     if history.config() is None:
+        start = start_of(config, history)
         return EarlierRun(
-            start_of(config, history.learnt()),
+            start.controller,
+            last_k=start.last_k,
             moment=history.moment(),
             reference_mm=_reference_of(reference),
             renewing=_is_renewing(reference),

@@ -4,7 +4,7 @@ import hashlib
 import json
 import logging
 from collections.abc import Callable, Iterable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cache, partial
 from pathlib import Path
 
@@ -21,6 +21,7 @@ from gateway.storage.snapshot import Snapshot, SnapshotError, decode_snapshot, m
 from gateway.storage.stored import StoredStep
 from talc.control import Controller
 from talc.frame import Decision, Frame, TrainingJob, Why
+from talc.learner import CourseState
 from talc.names import THERMAL_ERRORS
 from talc.settings import ControlSettings, LearnerSettings, TalcSettings, TrainingSettings
 from talc.transfer import transferred
@@ -38,25 +39,11 @@ def controller_of(config: GatewayConfig) -> Controller:
     return Controller(config.input_names, config.talc, config.grid.step_s, prior)
 
 
-def start_of(config: GatewayConfig, learnt: str | None) -> Controller:
-    """The controller that the record of a configuration begins with: what was imported, as far as names match.
+def continued(learnt: Learnt, config: GatewayConfig, *, of_record: bool = False) -> Controller:
+    """A controller of the configuration that knows what was learnt. ValueError: it does not fit, and why.
 
-    learnt: text of the imported file; None: a fresh controller
-
-    Raises ValueError if the text is damaged.
+    of_record: its grid indices are those of the frames that follow
     """
-    if learnt is None:
-        return controller_of(config)
-    found = parse_learnt(learnt)
-    try:
-        return continued(found, config)
-    except ValueError as error:
-        log.warning("%s", Text(NoticeCode.IMPORT_NOT_USED, why=text_of(error)))
-        return controller_of(config)
-
-
-def continued(learnt: Learnt, config: GatewayConfig) -> Controller:
-    """A controller of the configuration that knows what was learnt. ValueError: it does not fit, and why."""
     if learnt.method != config.talc.method:
         raise ValueError(f"method = {learnt.method!r}: [talc] method is {config.talc.method!r} here")
     if learnt.step_s != config.grid.step_s:
@@ -64,6 +51,9 @@ def continued(learnt: Learnt, config: GatewayConfig) -> Controller:
     if not set(learnt.state.input_names) & set(config.input_names):
         raise ValueError("inputs: none of them has the name of an input here; inputs are matched by name")
     state = transferred(learnt.state, controller_of(config).state())
+    if of_record and (was := learnt.state.course) is not None and isinstance(state.strategy, CourseState):
+        same = replace(state.strategy, last_k=was.last_k, last_measured=was.last_measured, wanted=was.wanted)
+        state = replace(state, strategy=same)
     prior = None if config.prior is None else config.prior.prior
     return Controller.restore(state, config.talc, config.grid.step_s, prior)
 
@@ -91,6 +81,11 @@ class Rebuilt:
     """Taken since the last snapshot, or since the start of the record."""
     from_snapshot: bool = False
 
+    @property
+    def after_k(self) -> int:
+        """Behind which grid index the record goes on."""
+        return -1 if self.last_k is None else self.last_k
+
     def follow(self, frame: Frame, decision: Decision) -> None:
         """Take note of a step that the controller has taken."""
         self.last_k, self.measure, self.steps = decision.k, decision.measure, self.steps + 1
@@ -108,6 +103,24 @@ class Rebuilt:
             return None
         self.steps = 0
         return Snapshot(marks, self.controller.state(), self.measure, self.missing, tuple(self.measured))
+
+
+def start_of(config: GatewayConfig, history: History) -> Rebuilt:
+    """What the record begins with: what stands for its first steps, or was imported, as far as names match.
+
+    Raises ValueError if that is damaged.
+    """
+    if (learnt := history.learnt()) is None:
+        return Rebuilt(controller_of(config))
+    text, last_k = learnt
+    of_record = last_k >= 0
+    found = parse_learnt(text)
+    try:
+        controller = continued(found, config, of_record=of_record)
+    except ValueError as error:
+        log.warning("%s", Text(NoticeCode.IMPORT_NOT_USED, why=text_of(error)))
+        controller = controller_of(config)
+    return Rebuilt(controller, last_k if of_record else None)
 
 
 RebuildProgress = Callable[[Rebuilt], None]
@@ -138,9 +151,8 @@ def rebuilt(
 
 def rebuilt_from(history: History, config: GatewayConfig, progress: RebuildProgress = go_on) -> Rebuilt:
     """The controller after the whole record: from the latest snapshot of the same settings and program, if any."""
-    start = _restored(history, config) or Rebuilt(start_of(config, history.learnt()))
-    after_k = -1 if start.last_k is None else start.last_k
-    return rebuilt(history.steps(after_k, config.input_names), config, start, progress)
+    start = _restored(history, config) or start_of(config, history)
+    return rebuilt(history.steps(start.after_k, config.input_names), config, start, progress)
 
 
 def _restored(history: History, config: GatewayConfig) -> Rebuilt | None:

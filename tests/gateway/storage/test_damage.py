@@ -192,6 +192,32 @@ def test_when_the_record_is_lost_learning_goes_on_from_the_newest_copy_that_is_w
     assert list(tmp_path.glob("g.sqlite.damaged-*"))
 
 
+def test_a_copy_stands_for_its_steps_and_the_record_that_is_left_is_kept(whole: Path, tmp_path: Path) -> None:
+    path = tmp_path / "g.sqlite"
+    shutil.copy(whole, path)
+    settings = two_temperatures(path)
+    with Store(path, "second", SteppedClock()) as store:
+        controller = earlier_run(store, settings).controller
+        store.begin(settings.canonical(), settings.fingerprint(), "")
+        store.keep(Snapshot("marks", controller.state(), None, {}, (None,) * 9))
+        for k in range(STEPS, STEPS + 10):
+            write(store, controller, k)
+        store.flush()
+    known = controller.state().course
+    assert known is not None
+    with path.open("r+b") as file:
+        file.seek(pages_of(path, "frame")[0])
+        file.write(bytes(PAGE))
+    past, mended = restarted(path, "third")
+    assert mended
+    assert past.last_k == STEPS + 9
+    course = past.controller.state().course
+    assert course is not None
+    assert np.array_equal(course.learner.mixture.count, known.learner.mixture.count + 2), "of two later measurements"
+    with History(path) as history:
+        assert len(list(history.steps())) > STEPS // 2
+
+
 def test_with_the_reference_in_the_copy_a_lost_page_of_measurements_costs_only_these(
     whole: Path, tmp_path: Path
 ) -> None:
