@@ -1,5 +1,6 @@
 """`talc-gateway db`: looks after a database, also while a gateway writes to it."""
 
+import os
 import sys
 from contextlib import suppress
 from pathlib import Path
@@ -8,6 +9,8 @@ import click
 
 from gateway.cli.arguments import AnyFile, OldFile, read_config
 from gateway.cli.exits import EXIT_DIFFERENT, told
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text, language_wanted
 
 Database = click.argument("database", type=OldFile)
 _MB = 1e6
@@ -87,14 +90,20 @@ def export(database: Path, table: str, output: Path) -> None:
 def backup(database: Path, output: Path, without_readings: bool) -> None:
     """Copy DATABASE to a file, also while a gateway writes to it; the file appears once it is complete.
 
-    A gateway that is started with the copy goes on from it, also on another computer (docs/site.md).
+    A gateway that is started with the copy goes on from it, also on another computer (docs/site.md). Exit code 1: what
+    was copied is damaged.
     """
     from gateway.storage.backup import back_up
+    from gateway.storage.damage import damage_found
 
     if output.exists():
         raise click.UsageError(f"{output} already exists; give another name with -o")
     back_up(database, output, readings=not without_readings)
     click.echo(f"{output}: {output.stat().st_size / _MB:.1f} MB")
+    if found := damage_found(output):
+        said = Text(NoticeCode.BACKUP_IS_DAMAGED, path=str(database), found="; ".join(found))
+        click.echo(said.in_language(language_wanted(os.environ)), err=True)
+        sys.exit(EXIT_DIFFERENT)
 
 
 @db.command("export-learnt")

@@ -352,6 +352,7 @@ class NoticeCode(StrEnum):
     WIRE_LOG_LONG = "wire_log_long"
     WIRE_LOG_LINE = "wire_log_line"
     DATABASE_IS_DAMAGED = "database_is_damaged"
+    BACKUP_IS_DAMAGED = "backup_is_damaged"
     DATABASE_EARLIER = "database_earlier"
     FILE_NOT_WRITTEN = "file_not_written"
     FILE_NOT_TOML = "file_not_toml"

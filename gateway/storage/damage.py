@@ -98,7 +98,7 @@ def damage_found(path: Path) -> list[str]:
 
 
 def _pages_of_tables(source: sqlite3.Connection) -> list[str]:
-    """What SQLite finds wrong with the pages, after what the table is. Raises sqlite3.Error."""
+    """What SQLite finds wrong with the pages, after what the table is."""
     if not (found := _pages(source, str(_MOST_PAGES))):
         return []
     named = list[str]()
@@ -110,7 +110,10 @@ def _pages_of_tables(source: sqlite3.Connection) -> list[str]:
 
 
 def _pages(source: sqlite3.Connection, of: str) -> list[str]:
-    return [str(text) for (text,) in source.execute(f"PRAGMA integrity_check({of})") if text != "ok"]
+    try:
+        return [str(text) for (text,) in source.execute(f"PRAGMA integrity_check({of})") if text != "ok"]
+    except UNREADABLE as error:
+        return [str(error)]
 
 
 def inputs_of_run(config: str) -> int | None:

@@ -70,7 +70,8 @@ def check_log(path: Path) -> None:
 
 def check_left(path: Path) -> None:
     """What an earlier run left, before this process opens the database: SQLite takes the rest of a page that was cut
-    for zeros, and after a kill a log that was cut for one that ends there, as it makes the index anew.
+    for zeros, and after a kill a log that was cut for one that ends there, as it makes the index anew. Both are removed
+    in order or not at all: an empty log without its index has lost what it held.
 
     Raises DamagedError.
     """
@@ -80,7 +81,10 @@ def check_left(path: Path) -> None:
             expected = _expected_size(path)
             if size < expected < inf and not (log.exists() and log.stat().st_size):  # nor is the rest in the log
                 raise DamagedError(Text(NoticeCode.DATABASE_LEFT_CUT, bytes=size, expected=expected))
-            with path.with_name(path.name + "-shm").open("rb") as index:
+            beside = path.with_name(path.name + "-shm")
+            if not beside.exists() and not log.stat().st_size:
+                raise DamagedError(Text(NoticeCode.DATABASE_LOG_LEFT_CUT, bytes=0, expected=_LOG_HEADER))
+            with beside.open("rb") as index:
                 _compare(index.fileno(), path, NoticeCode.DATABASE_LOG_LEFT_CUT)
 
 

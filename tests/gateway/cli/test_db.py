@@ -172,7 +172,7 @@ def test_check_finds_invalid_rows_and_passes_a_whole_database(running: Path) -> 
     assert f"{running}: steps: 1 " in answer.together, "as `db stats` calls them"
 
 
-def test_check_names_a_damaged_page_of_readings(running: Path) -> None:
+def test_check_and_backup_name_a_damaged_page_of_readings(running: Path) -> None:
     copy = running.with_name("copy.sqlite")
     assert here("db", "backup", running, "-o", copy).code == 0
     with closing(sqlite3.connect(copy)) as connection:
@@ -182,6 +182,10 @@ def test_check_names_a_damaged_page_of_readings(running: Path) -> None:
         file.seek((page - 1) * size)
         file.write(bytes(size))
     assert here("db", "check", copy).code == 1
+    answer = here("db", "backup", copy, "-o", copy.with_name("again.sqlite"))
+    assert answer.code == 1, "it is made, and told"
+    assert copy.with_name("again.sqlite").stat().st_size == copy.stat().st_size
+    assert "readings" in answer.together, answer.together
 
 
 @pytest.mark.parametrize("damage", ["cut", "no JSON", "no text"])

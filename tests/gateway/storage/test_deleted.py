@@ -161,9 +161,9 @@ def test_a_log_that_is_cut_in_place_is_noticed(left: int | None, tmp_path: Path)
     assert len(list(tmp_path.glob("g.sqlite.damaged-*"))) >= 1
 
 
-@pytest.mark.parametrize("left", [0, 32 + 24 + 4096, None])
+@pytest.mark.parametrize("left", [-1, 0, 32 + 24 + 4096, None])
 def test_a_log_that_was_cut_after_a_kill_is_noticed_by_the_next_start(left: int | None, tmp_path: Path) -> None:
-    """None: it is whole."""
+    """None: it is whole; -1: nothing of it is left, nor its index."""
     path, killed = tmp_path / "g.sqlite", tmp_path / "killed" / "g.sqlite"
     with store_at(path) as store:
         store.begin("{}", "hash", "versions")
@@ -178,7 +178,9 @@ def test_a_log_that_was_cut_after_a_kill_is_noticed_by_the_next_start(left: int 
         for ending in ("", "-wal", "-shm"):
             shutil.copy(f"{path}{ending}", f"{killed}{ending}")
     if left is not None:
-        os.truncate(f"{killed}-wal", left)
+        os.truncate(f"{killed}-wal", max(left, 0))
+        if left < 0:
+            Path(f"{killed}-shm").unlink()
     with store_at(killed) as store:
         store.begin("{}", "hash", "versions")
         told = store.health.mended
