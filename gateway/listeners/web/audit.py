@@ -27,6 +27,8 @@ class ShownCorrection:
     """Names of inputs and by how much, the largest first."""
     rest: Amount
     """What other inputs do, and what no input explains."""
+    level: Amount
+    """Of it, what no input explains."""
     experts: tuple[tuple[Word, Amount], ...]
     """Kind of expert, with its weight."""
     measured: str | None
@@ -66,6 +68,7 @@ def correction_lines(
             half=Amount(None if sigma is None else TWO_SIDED_95 * sigma, unit),
             movers=movers,
             rest=Amount(round(rest, 1), unit, sign=True),
+            level=Amount(round(reason.level or 0.0, 1), unit, sign=True),
             experts=tuple(
                 (Word(f"expert.{kind.replace(' ', '_')}"), Amount(_PERCENT * share, "%", d=0))
                 for kind, share in shares

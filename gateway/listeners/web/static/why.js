@@ -88,7 +88,7 @@ const errorsNow = ({ driven, errors }) => driven.map((e) => {
     { key: REST, n: e.others.n }, { key: LEVEL, n: e.level.n }, { key: SINCE, n: total - e.estimate.n }] };
 });
 export const errorsThen = (lines) => lines.map((c) => ({ error: c.error, total: c.estimate.n, unit: c.estimate.u,
-  parts: [...c.movers.map(([key, by]) => ({ key, n: by.n })), { key: REST, n: c.rest.n }] }));
+  parts: [...c.movers.map(([key, by]) => ({ key, n: by.n })), { key: REST, n: c.rest.n - c.level.n }, { key: LEVEL, n: c.level.n }] }));
 // The errors of a moment, as `lines` tell of the last reasons before it, with what had changed since.
 const errorsAt = (errors, lines) => Object.entries(errors).flatMap(([error, total]) => {
   const told = errorsThen(lines.filter((c) => c.error === error))[0] ?? { error, total: 0, unit: latest.driven.find((e) => e.error === error)?.estimate.u, parts: [] };

@@ -32,11 +32,11 @@ def test_a_line_has_the_inputs_the_experts_the_interval_and_the_last_measurement
 
 
 def test_what_is_shown_of_a_line_adds_up_to_a_tenth() -> None:
-    """2.04 and 1.04 are shown as 2.0 and 1.0: what they lack of 3.1 is with the rest."""
-    reason = PublishedReason(3.08, True, 1.0, {"bed": 2.04, "column": 1.04}, 0.0, 0.0, {}, 0.0, 1.0)
+    """2.04 and 1.04 are shown as 2.0 and 1.0: what they lack of 5.1 is with the rest, beside what no input explains."""
+    reason = PublishedReason(5.08, True, 1.0, {"bed": 2.04, "column": 1.04}, 0.0, 2.0, {}, 0.0, 1.0)
     (line,) = correction_lines(BEGAN.isoformat(), 1, {"EZ0A": reason}, {}, None)
     shown = [round(by.n or 0.0, 1) for _, by in line.movers]
-    assert (shown, line.rest.n) == ([2.0, 1.0], 0.1)
+    assert (shown, line.rest.n, line.level.n) == ([2.0, 1.0], 2.1, 2.0)
 
 
 def test_the_newest_comes_first_and_the_oldest_go() -> None:
