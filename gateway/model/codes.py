@@ -328,6 +328,7 @@ class NoticeCode(StrEnum):
     WORK_SLOW = "work_slow"
     WORK_KILLED = "work_killed"
     WORK_EXITED = "work_exited"
+    STRANGERS_DISPLACED = "strangers_displaced"
     DATABASE_DELETED = "database_deleted"
     DATABASE_EXCHANGED = "database_exchanged"
     DATABASE_CUT = "database_cut"

@@ -2,6 +2,7 @@
 
 import asyncio
 import gc
+import logging
 import socket
 import time
 from asyncio.sslproto import SSLProtocol
@@ -10,6 +11,10 @@ from contextlib import suppress
 from weakref import WeakSet
 
 from drivers.section import host_and_port
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
+
+log = logging.getLogger(__name__)
 
 SSLProtocol.max_size = 2**14
 """Bytes, for a record of TLS: with asyncio's own number a stranger holds 256 kB before its first byte has come."""
@@ -24,6 +29,7 @@ _PAUSE_S = 0.002
 """Before one that takes another's place: those that are there get on meanwhile, and a flood takes no processor."""
 _ENDED_BETWEEN = 64
 """Strangers that are ended between two garbage collections."""
+_TOLD_EVERY_S = 60.0
 ACCEPTED_AT_ONCE = 1
 """What to give asyncio as `backlog`: so many are accepted before the others are looked at."""
 
@@ -63,7 +69,8 @@ class GuardedSocket(socket.socket):
         """The one that came first is the first."""
         self._known: dict[Peer, socket.socket] = {}
         self._all = WeakSet[socket.socket]()
-        self._ended = 0
+        self._ended = self._displaced = 0
+        self._telling = False
         try:
             self.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             self.bind(address)
@@ -90,6 +97,9 @@ class GuardedSocket(socket.socket):
         if len(self._strangers) >= self._most_strangers:
             ((host, _),) = Counter(host for host, _ in self._strangers).most_common(1)
             self._end(next(other for other in self._strangers if other[0] == host))
+            self._displaced += 1
+            if not self._telling:
+                self._tell()
             time.sleep(_PAUSE_S)
         timer = asyncio.get_running_loop().call_later(self._first_request_s, self._late, peer)
         self._strangers[peer] = connection, timer
@@ -127,6 +137,14 @@ class GuardedSocket(socket.socket):
                 self.know(peer)
         for peer in [peer for peer, connection in self._known.items() if connection.fileno() < 0]:
             del self._known[peer]
+
+    def _tell(self) -> None:
+        """How many strangers had to make place: at once of the first one, then once a minute."""
+        self._telling = self._displaced > 0
+        if self._telling:
+            log.warning("%s", Text(NoticeCode.STRANGERS_DISPLACED, place=self.address, many=self._displaced))
+            self._displaced = 0
+            asyncio.get_running_loop().call_later(_TOLD_EVERY_S, self._tell)
 
     def _late(self, peer: Peer) -> None:
         self._forget_closed()

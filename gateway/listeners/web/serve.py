@@ -58,7 +58,7 @@ def serve_pages(command: WebCommand) -> None:
         server = uvicorn.Server(
             uvicorn.Config(
                 app,
-                log_level="warning",
+                log_level="error",  # each request that is none would be a line
                 access_log=False,
                 server_header=False,
                 proxy_headers=False,

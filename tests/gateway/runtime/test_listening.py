@@ -8,6 +8,8 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
+import pytest
+
 from gateway.runtime.listening import ACCEPTED_AT_ONCE, GuardedSocket
 from tests.benches.plant_authority import PlantAuthority
 
@@ -42,7 +44,9 @@ async def opened(listening: GuardedSocket, line: bytes = b"") -> Streams:
     return reader, writer
 
 
-async def test_however_many_are_silent_who_asks_is_answered_and_who_is_known_stays() -> None:
+async def test_however_many_are_silent_who_asks_is_answered_and_who_is_known_stays(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     async with echoing(LIMIT_S) as listening:
         mine = await opened(listening, b"me\n")
         assert await mine[0].readline() == b"me\n"
@@ -55,6 +59,7 @@ async def test_however_many_are_silent_who_asks_is_answered_and_who_is_known_sta
         assert ended == [b""] * len(ended)
         for _, writer in (mine, asked, *silent):
             writer.close()
+    assert len(caplog.records) == 1, "of all of them"
 
 
 async def test_what_is_left_of_silent_connections_by_tls_does_not_wait_for_python_to_collect_it(tmp_path: Path) -> None:
