@@ -108,6 +108,9 @@ def test_each_screen_says_since_or_until_when_and_the_wheel_turns_to_what_has_no
         page.fill("input[name=tolerance]", "3")  # what would help needs more than one page
         page.keyboard.press("Enter")
         expect(page.locator("#helps p").nth(5)).to_be_attached()
+        # The last estimate is of three minutes ago; the last status is not.
+        present = "(label) => [0, 60e3].some((ms) => label === new Date(Date.now() - ms).toTimeString().slice(0, 5))"
+        assert page.locator("#strip .now").evaluate(f"(mark) => ({present})(mark.textContent)")
         page.locator(".inside").hover()
         page.mouse.wheel(0.0, 100.0)
         page.wait_for_function("document.querySelector('.inside').scrollLeft > 0")

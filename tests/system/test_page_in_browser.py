@@ -104,6 +104,36 @@ def test_each_part_shows_live_data(settings: Path) -> None:
             expect(page.locator("#helps")).to_contain_text("Under “<b>warm-up”: not known yet.")
 
 
+_BROKEN = """() => {
+  const found = [], range = document.createRange();
+  const nodes = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  for (let node; (node = nodes.nextNode());) {
+    if (node.parentNode.closest(".quiet")) continue;
+    for (const word of node.data.matchAll(/[\\p{L}\\p{N}_]{2,}/gu)) {
+      range.setStart(node, word.index);
+      range.setEnd(node, word.index + word[0].length);
+      const tops = [...range.getClientRects()].filter((each) => each.width).map((each) => each.top);
+      if (Math.max(...tops) - Math.min(...tops) > 4) found.push(word[0]);
+    }
+  }
+  return found;
+}"""
+"""Words of which a part is on the next line."""
+
+
+@pytest.mark.parametrize("language", ["en", "de"])
+def test_no_word_is_broken_on_any_screen(looked_at: PageRig, language: str) -> None:
+    for width, height in SCREENS[1:]:
+        with looked_at.page(f"/machine/mill?lang={language}", width, height, locale=f"{language}-CH") as page:
+            expect(page.locator("#axes .bar").first).to_be_attached()
+            for screen in ("now", "time", "why", "sensors", "log"):
+                open_screen(page, screen)
+                expect(page.locator(f"#{screen}")).to_be_visible()
+                assert page.evaluate(_BROKEN) == [], (width, screen)
+            page.set_viewport_size({"width": 60, "height": height})
+            assert page.evaluate(_BROKEN) != [], "it would be seen"
+
+
 def past_days(answer: Response) -> float:
     """How much of the past was asked for; 0: it answers something else."""
     address = urlsplit(answer.url)
@@ -257,6 +287,10 @@ def test_a_gateway_that_is_killed_looks_gone_and_one_that_comes_back_begins_agai
             expect(page.locator("#since")).not_to_be_empty()
             expect(page.locator("[data-axis=Z] [data-of=left]")).to_have_text("–")
             assert page.evaluate("document.body.classList.contains('past')")
+            heading, key = page.locator(".strip h3 > .while-past"), page.locator(".strip small .dot").bounding_box()
+            expect(heading).to_have_css("overflow", "visible")
+            assert key is not None
+            assert heading.evaluate("(e) => e.getBoundingClientRect().left + e.scrollWidth") < key["x"]
             picture(page, "page-gone")
             expect(machines.locator("li .name").first).to_have_text("mill")
             assert rig.web is not None

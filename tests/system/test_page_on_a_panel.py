@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import pytest
 from playwright.sync_api import Locator, expect
 
 from gateway.model.text import languages, texts
-from tests.benches.page_rig import LIMIT_MS, page_rig, played_mill
+from tests.benches.page_rig import LIMIT_MS, open_screen, page_rig, played_mill
 
 pytestmark = [pytest.mark.peer, pytest.mark.slow]
 
@@ -55,6 +56,15 @@ def test_the_verdict_its_reason_and_the_numbers_are_read_from_two_metres(setting
             assert minutes_of_arc(page.locator("#because p").first) >= 1.3 * ACUITY
             assert minutes_of_arc(page.locator("#axes .number").first) >= 1.3 * ACUITY
             assert page.evaluate(_CUT) == []
+            expect(page.locator("#most")).to_contain_text(re.compile(r"\bX.+\(.+\d\), Y.+\(.+\d\), Z.+\(.+\d\)"))
+            expect(page.locator("#most")).to_be_in_viewport(ratio=1.0)
+        gateway.say("status " + json.dumps({"clock": "simulated"}))
+        for page in pages.values():
+            open_screen(page, "time")
+            for seen in ("#heard b", "#badge a"):
+                expect(page.locator(seen)).to_be_in_viewport(ratio=1.0)
+            open_screen(page, "now")
+        gateway.say("status " + json.dumps({"clock": "system"}))
         gateway.say("reading/ambient_left " + json.dumps({"quality": "sensor_fault", "value": None}))
         for changes, verdict in (({"phase": "no_good"}, "word.not_ready"), ({"corrected": {}}, "word.unknown")):
             gateway.say("decision " + json.dumps({"phase": "compensation"} | changes))
@@ -67,7 +77,7 @@ def test_the_verdict_its_reason_and_the_numbers_are_read_from_two_metres(setting
                 assert minutes_of_arc(page.locator("#helps p").first) >= 1.3 * ACUITY, "when it will be ready"
         for page in pages.values():
             usual = [minutes_of_arc(page.locator(each).first) for each in ("#word", "#because p", "#axes .number")]
-            page.goto(page.url + "&panel")
+            page.goto(page.url.partition("#")[0] + "&panel")
             expect(page.locator("#rail")).to_be_hidden()
             expect(page.locator("#axes .number").first).to_be_visible()
             for each, before in zip(("#word", "#because p", "#axes .number"), usual, strict=True):

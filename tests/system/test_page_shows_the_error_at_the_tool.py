@@ -148,7 +148,8 @@ def test_what_moved_the_tool_at_a_clicked_moment_adds_up_and_what_is_seen_is_exp
             total = um_of(stack.locator(".total").inner_text())
             assert sum(parts.values()) == pytest.approx(total, abs=0.01)
             assert total == pytest.approx(
-                um_of(page.locator("#reading dt:text-is('without') + dd").inner_text()), abs=0.11
+                um_of(page.locator(f"#reading dt:text-is('{texts('en')['chart.without']}') + dd").inner_text()),
+                abs=0.11,
             )
             assert 1.0 in parts.values(), "c_table"
             changed += [um for name, um in parts.items() if name.startswith(texts("en")["moves.since"].split("{")[0])]
@@ -166,3 +167,44 @@ def test_what_moved_the_tool_at_a_clicked_moment_adds_up_and_what_is_seen_is_exp
             page.click("#png")
         with Image.open(drawn_file.value.path()) as picture:
             assert picture.width >= box["width"]
+
+
+_WARMTH = """(part) => {
+  const canvas = document.createElement("canvas").getContext("2d");
+  canvas.fillStyle = getComputedStyle(document.querySelector(`#sketch [data-part=${part}] .lit`)).fill;
+  canvas.fillRect(0, 0, 1, 1);
+  const [red, , blue] = canvas.getImageData(0, 0, 1, 1).data;
+  return red - blue;
+}"""
+_CENTRE = """(part) => {
+  const { x, y, width, height } = document.querySelector(`#sketch [data-part=${part}]`).getBBox();
+  return [x + width / 2, y + height / 2];
+}"""
+
+
+def test_the_drawing_is_coloured_by_temperature_and_bent_by_the_errors(settings: Path) -> None:
+    with page_rig() as rig:
+        gateway = played_mill(rig, settings)
+        with rig.page("/machine/mill") as page:
+            warmth = list[int]()
+            for degrees in (19.0, 25.0, 31.0):
+                for channel in ("c_table", "c_drive"):
+                    gateway.say(f"reading/{channel} " + json.dumps({"value": degrees}))
+                expect(page.locator("#sketch [data-body=table] .number")).to_have_text(f"{degrees}\u202f°C")
+                warmth.append(page.evaluate(_WARMTH, "table"))
+            assert warmth[0] + 30 < warmth[1] < warmth[2] - 30, "blue, then brown"
+
+            def centres(errors: dict[str, float], axis: str) -> list[list[float]]:
+                gateway.say("decision " + json.dumps({"corrected": _STILL | errors, "phase": "compensation"}))
+                expect(number(page, axis, "without")).to_have_text(signed(sum(errors.values())))
+                return [page.evaluate(_CENTRE, part) for part in ("table", "cradle", "bed")]
+
+            still = centres({}, "Z")
+            for error, axis, moved in (("EX0C", "X", "table"), ("EZ0T", "Z", "table"), ("EZ0A", "Z", "table cradle")):
+                for um in (20.0, -20.0):
+                    for part, cold, now in zip(
+                        ("table", "cradle", "bed"), still, centres({error: um}, axis), strict=True
+                    ):
+                        right, down = (after - before for after, before in zip(now, cold, strict=True))
+                        towards = right if axis == "X" else -down
+                        assert towards * um > 40.0 if part in moved else (right, down) == (0.0, 0.0), (error, um, part)

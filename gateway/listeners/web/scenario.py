@@ -20,7 +20,6 @@ from gateway.telemetry.scenario_queries import USUAL_MIN, minutes_of
 from gateway.telemetry.subscriber.instants import instant
 from gateway.telemetry.subscriber.machine import MachineSeen
 from gateway.telemetry.subscriber.site import SiteSeen
-from talc.frame import FloatArray
 
 AskScenario = Callable[[str, str, int], ScenarioPage]
 """A machine's errors under a load for so many minutes. Blocks. Raises OSError."""
@@ -38,9 +37,8 @@ class ShownBranch:
     """When now is, UTC seconds."""
     t: list[float]
     """Seconds from now."""
-    far: list[float | None]
     high: list[float | None]
-    """The most that `far` will be."""
+    """The most that the far end of the interval will be."""
     turn: float | None = None
     """Seconds from now when the whole interval comes within the tolerance, or no longer is."""
 
@@ -66,17 +64,14 @@ def branches(seen: MachineSeen, viewpoint: Viewpoint, error: ToolError | None) -
 def _branch(load: str, now: ToolError, coming: AheadError, tolerance_um: float | None) -> ShownBranch:
     near = np.array(coming.seconds) <= WARM_S
     first = float(np.max(now.far))
-
-    def column(values: FloatArray) -> list[float | None]:
-        largest = np.max(values[near], axis=1)  # NaN where an axis is not known
-        return [round(first, 2), *(round(v, 2) if np.isfinite(v) else None for v in largest.tolist())]
-
+    largest = np.max(coming.high[near], axis=1).tolist()  # NaN where an axis is not known
+    high = [round(first, 2), *(round(v, 2) if np.isfinite(v) else None for v in largest)]
     seconds = [0.0, *np.array(coming.seconds)[near].tolist()]
     seen = None if tolerance_um is None else outlook(now, coming)
     turn = None if seen is None or tolerance_um is None else seen.turn(tolerance_um)
     after = None if seen is None or turn is None else (turn - seen.at[0]).total_seconds()
     began = coming.at[0].timestamp() - coming.seconds[0]
-    return ShownBranch(load, began, seconds, column(coming.far), column(coming.high), after)
+    return ShownBranch(load, began, seconds, high, after)
 
 
 def shown_scenario(

@@ -66,11 +66,13 @@ const runs = (t, state) => {
   }
   return found;
 };
-// ahead: whether what was foreseen still holds
-export const showStrip = (course, ahead) => {
-  if (!course.t.length || !changed("strip", [course.t, course.state, course.measured_t, ahead && [course.ahead_t, course.ahead_state]])) return;
-  const now = course.t.at(-1), at = (t) => 50 + 50 * (t - now) / SPAN_S, hour = (t) => clock.format(new Date(t * 1e3));
-  const past = (course.state.length ? runs(course.t, course.state) : []).filter(([, , to]) => to > now - SPAN_S);
+// present: the gateway's time, if what was foreseen still holds; else null
+export const showStrip = (course, present) => {
+  if (!course.t.length) return;
+  const ahead = present !== null, now = Math.max(course.t.at(-1), ahead ? Math.floor(Date.parse(present) / 60e3) * 60 : 0);
+  if (!changed("strip", [now, course.t, course.state, course.measured_t, ahead && [course.ahead_t, course.ahead_state]])) return;
+  const at = (t) => 50 + 50 * (t - now) / SPAN_S, hour = (t) => clock.format(new Date(t * 1e3));
+  const past = (course.state.length ? runs([...course.t, now], course.state) : []).filter(([, , to]) => to > now - SPAN_S);
   const coming = (ahead ? course.ahead_state : []).filter(([, , to]) => to > now).map(([colour, from, to]) => [colour, Math.max(from, now), to]);
   const label = (kind, t, text) => { const mark = piece(kind, at(t)); mark.textContent = text; return mark; };
   // Where the verdict begins or ends to be that the machine is ready.

@@ -10,7 +10,7 @@ import { showSensors } from "./sensors.js";
 import { clock, exact, lasted, present, recent, sentence, setToday, weekday, whole, word } from "./words.js";
 import { openProblems } from "./tables.js";
 import { showWhen } from "./when.js";
-import { mostMoved, showWhy } from "./why.js";
+import { eachMoved, mostMoved, showWhy } from "./why.js";
 
 // The day is the gateway's present one in this browser's zone, until somebody chooses another.
 let chosenDay = false;
@@ -88,7 +88,7 @@ export const showMachine = (v) => {
   put($("failed"), wrong || (v.alive && verdict.colour === "green" ? word(v.notices.length ? "events.no_open" : "events.nothing") : ""));
   const heard = v.heard ? [make("span", word("page.heard").replace("{at}", exact.format(new Date(v.heard))))] : [];
   if (!v.alive && !simulated && v.heard) heard.push(make("span", " · " + word("page.now").replace("{at}", clock.format(present()))));
-  if (simulated) heard.push(...heard.length ? [make("span", " · ")] : [], make("b", word("page.simulated").replace("{at}", weekday.format(simulated))));
+  if (simulated) heard.unshift(make("b", word("page.simulated").replace("{at}", weekday.format(simulated))));
   draw("heard", [heard.map((each) => each.textContent)], () => heard);
   if (v.gateway_time) put($("state-of"), word("print.state_of").replace("{at}", whole.format(new Date(v.gateway_time))));
   $("unarmed").classList.toggle("spare", !v.unarmed);
@@ -101,7 +101,7 @@ export const showMachine = (v) => {
   const next = v.alive ? v.waits.filter((row) => NEXT.includes(row.label)) : [];
   draw("todo", verdict.because, () => verdict.because.filter((each) => each.say.startsWith("do.")).map((each, i) => make("p", sentence(each), i ? "" : "afar")));
   const look = verdict.failed?.values.first ? [{ ...verdict.failed, say: "do.look" }] : [];
-  put($("most"), most ?? "");
+  put($("most"), v.alive ? eachMoved() : "");
   draw("helps", [v.notices, look, verdict.helps, next, most], () => {
     const said = (far) => verdict.helps.filter((help) => AFAR.test(help.say) === far).map((help) => make("p", sentence(help), far ? "afar" : undefined));
     return [orders([...v.notices, ...look]), ...said(true), ...(most ? [make("p", most, "from-where")] : []), list(next), ...said(false)];

@@ -21,6 +21,7 @@ const showAll = () => document.body.classList.remove("waiting");
 const UNKNOWN = { alive: false, unarmed: false, notices: [] };
 const NOTHING = { axes: [], errors: {}, tool_notes: [] };
 const NAME = document.title;
+const strip = () => { if (course) showStrip(course, state === "heard" && latest?.alive && latest.gateway_time ? latest.gateway_time : null); };
 // now: "heard"; "lost", when the server does not answer; "full", when it takes no more than `most` browsers; "resting",
 // while nobody sees this tab and it does not listen.
 const become = (now, most) => {
@@ -31,7 +32,7 @@ const become = (now, most) => {
   document.body.classList.toggle("past", now !== "heard" || (latest !== null && latest.alive === false));
   $("lost").hidden = !lost;
   keepForecast(now === "heard");
-  if (course) showStrip(course, now === "heard");
+  strip();
   if (now === "heard") { showAgain(); return; }  // the server sends nothing again that has not changed
   const since = full ? { say: "page.full", values: { n: { n: most, d: 0 } } }
     : latest ? { say: "page.no_server", values: { at: { t: latest.shownAt } } } : { say: "page.unreached", values: {} };
@@ -54,7 +55,7 @@ const again = () => { if (state === "heard") showAgain(); soon = setTimeout(agai
 const showView = (v) => {
   clearTimeout(soon);
   latest = { ...v, shownAt: present().toISOString() };
-  showAgain = () => { showMachine(v); showCommands(v); };
+  showAgain = () => { showMachine(v); showCommands(v); strip(); };
   if (!v.alive) soon = setTimeout(again, AGAIN_MS);
   showAgain();
 };
@@ -126,7 +127,7 @@ const listen = stream(address, {
   course: (c) => {
     course = c;
     showAll();
-    showStrip(c, state === "heard");
+    strip();
     showCourse(c);
     takeCourse(c);
     takeMoved(c);
