@@ -10,7 +10,7 @@ _BLOCK_BYTES = 128 * 1024
 """The library's own value at the start of a process (mallopt(3))."""
 
 _DESCRIPTORS = 65536
-"""Strangers hold at most some 200 in the end. Zenoh ends silent connections one after the other, some 200 a second:
+"""Strangers hold at most some 1,100 in the end. Zenoh ends silent connections one after the other, some 200 a second:
 until then they hold as many as came, and one address may open 28,000."""
 
 

@@ -19,11 +19,11 @@ _OPEN_MS = 4000
 """How long a connection may take to open: what is away is found away in less than Zenoh's own 10 s."""
 _FROM_STRANGERS = {
     "transport/unicast/max_sessions": 100,
-    "transport/unicast/accept_pending": 64,
+    "transport/unicast/accept_pending": 800,
     "transport/unicast/accept_timeout": 3000,
 }
-"""How many may be connected, how many more may be about to, and for how many ms. Zenoh's own 1100, 10 s each, would
-take all descriptors."""
+"""How many may be connected, how many more may be about to, and for how many ms. While that many silent ones are there
+at once, nobody else gets in; each takes some 20 kB."""
 _SENDING = ["put", "delete", "declare_queryable", "reply", "liveliness_token"]
 """What only the gateway itself does."""
 _READING = ["query", "declare_subscriber", "liveliness_query", "declare_liveliness_subscriber"]

@@ -2,6 +2,7 @@
 
 import asyncio
 import re
+import socket
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -41,6 +42,16 @@ def next_text(messages: Iterator[Published]) -> str:
     message = next(messages)
     assert isinstance(message, EventMessage)
     return message.text
+
+
+async def test_silent_connections_do_not_shut_out_a_client() -> None:
+    port = free_port()
+    async with telemetry(port):
+        silent = [socket.create_connection(("127.0.0.1", port)) for _ in range(300)]
+        with Machine(connect=here(port)) as machine:
+            assert machine.running()
+        for connection in silent:
+            connection.close()
 
 
 async def test_a_follower_gets_the_last_message_and_then_each_one_once_and_in_order() -> None:
