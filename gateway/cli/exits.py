@@ -6,7 +6,6 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from importlib import import_module
-from math import inf
 from pathlib import Path
 from threading import Thread
 from traceback import walk_tb
@@ -101,9 +100,9 @@ def _is_lack_of_memory(error: Exception) -> bool:
     """Also of a library that could not be loaded, or a thread that could not be started: these have no code."""
     if isinstance(error, OSError):
         return error.errno == errno.ENOMEM
-    left = address_space_left()
-    no_thread = isinstance(error, RuntimeError) and left < inf and _raised_in(error) == Thread.start.__code__
-    return isinstance(error, MemoryError) or no_thread or (isinstance(error, ImportError) and left < _LIBRARY_BYTES)
+    no_thread = isinstance(error, RuntimeError) and _raised_in(error) == Thread.start.__code__
+    no_library = isinstance(error, ImportError) and address_space_left() < _LIBRARY_BYTES
+    return isinstance(error, MemoryError) or no_thread or no_library
 
 
 def _raised_in(error: Exception) -> CodeType | None:

@@ -4,8 +4,10 @@ import os
 import resource
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
+import click
 import numpy as np
 import pyarrow as pa
 import pytest
@@ -13,6 +15,7 @@ from click.testing import CliRunner
 from pyarrow import parquet
 
 from gateway.acquisition.wire_log import WireLogError, read_wire_log
+from gateway.cli.exits import Commands
 from gateway.cli.main import main
 from gateway.model.codes import NoticeCode
 from gateway.model.text import Text
@@ -81,6 +84,20 @@ group(["one"])
     )
     said = Text(NoticeCode.TOO_LITTLE_MEMORY, why="").in_language("de")
     assert (done.returncode, said in done.stderr, "Traceback" in done.stderr) == (3, True, False), done.stderr
+
+
+def test_a_thread_that_cannot_start_is_told_whatever_the_limit_is() -> None:
+    @click.command()
+    def one() -> None:
+        threading.stack_size(2**47)
+        try:
+            threading.Thread(target=print).start()
+        finally:
+            threading.stack_size(0)
+
+    done = CliRunner().invoke(Commands(commands={"one": one}), ["one"], env={"LANG": "de_DE"})
+    assert done.exit_code == 3
+    assert Text(NoticeCode.TOO_LITTLE_MEMORY, why="").in_language("de") in done.output
 
 
 def test_a_few_bytes_of_parquet_that_stand_for_gigabytes_are_refused(tmp_path: Path) -> None:
