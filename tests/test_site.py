@@ -59,6 +59,17 @@ def test_a_page_opened_as_a_file_finds_words_and_options(site: Path, browser: Br
             expect(count).to_have_text(re.compile(r"^\d+ matching"), timeout=LIMIT_MS)
 
 
+@pytest.mark.peer
+@pytest.mark.slow
+@pytest.mark.parametrize("sheet", ["operator-sheet", "fitter-sheet"])
+def test_a_sheet_to_print_is_one_page(site: Path, browser: Browser, sheet: str) -> None:
+    with browser.new_context(offline=True) as context:
+        page = context.new_page()
+        page.goto((site / f"{sheet}.html").as_uri(), timeout=LIMIT_MS)
+        printed = [page.pdf(format=paper) for paper in ("A4", "Letter")]
+    assert [len(re.findall(rb"/Type */Page\b", each)) for each in printed] == [1, 1]
+
+
 @pytest.mark.slow
 def test_the_site_builds_strictly_and_needs_no_network(site: Path) -> None:
     pages = {page.relative_to(ROOT / "docs").with_suffix("") for page in (ROOT / "docs").glob("**/*.md")}
