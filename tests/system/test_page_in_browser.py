@@ -28,6 +28,7 @@ from tests.benches.page_rig import (
     played_mill,
     ports,
 )
+from tests.benches.printed_pages import printed
 
 pytestmark = [pytest.mark.peer, pytest.mark.slow]
 
@@ -260,6 +261,24 @@ def test_the_tolerance_and_the_point_are_this_browsers_and_the_keyboard_is_enoug
           const chart = document.getElementById('chart'), wide = (e) => e.getBoundingClientRect().width;
           return wide(chart.querySelector('canvas')) <= wide(chart); }"""
         assert page.evaluate(inside)
+
+
+@pytest.mark.parametrize("width", [1400, 390])
+def test_paper_has_each_part_of_a_page_of_which_one_screen_was_seen(
+    looked_at: PageRig, tmp_path: Path, width: int
+) -> None:
+    with looked_at.page("/machine/mill", width) as page:
+        for each in ("#day-parts th i", "#weeks tbody th", "#sensitivity tbody th", "#channels .spark path"):
+            expect(page.locator(each).first).to_be_attached()
+        stored = page.locator("#day-parts tbody th, #weeks tbody th, #sensitivity tbody th")
+        wanted = [name.split()[0] for name in stored.all_text_contents()]
+        page.pdf(path=tmp_path / "page.pdf", format="A4")
+    pages = printed(tmp_path / "page.pdf")
+    assert all(page.strip() for page in pages), "none is blank"
+    titles = ("part.waits", "scenario.title", "moves.day", "moves.errors", "part.corrections", "part.events",
+              "part.health", "weeks.title", "sensitivity.title")  # fmt: skip
+    wanted += ["Z, µm", *(texts("en")[key] for key in titles)]  # the chart's axis
+    assert [each for each in wanted if each not in "".join(pages)] == []
 
 
 def test_a_gateway_that_is_killed_looks_gone_and_one_that_comes_back_begins_again(settings: Path) -> None:

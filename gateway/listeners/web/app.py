@@ -12,6 +12,7 @@ from jinja2 import Environment, FunctionLoader, StrictUndefined
 from markupsafe import Markup
 from starlette.applications import Starlette
 from starlette.middleware import Middleware
+from starlette.middleware.gzip import GZipMiddleware
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, PlainTextResponse, RedirectResponse, Response, StreamingResponse
 from starlette.routing import Route
@@ -103,14 +104,15 @@ def build_app(
                     await sending
                 await asyncio.to_thread(stack.close)
 
+    packed = [Middleware(GZipMiddleware, compresslevel=4)]  # not of pages: these hold a secret
     routes = [
         Route("/", pages.first),
         Route("/machine/{name}", pages.machine),
         Route("/machine/{name}/report/{day}", reports.report),
         Route("/file/{version}/{name}", own.file),
-        Route("/past/{name}", pages.past),
+        Route("/past/{name}", pages.past, middleware=packed),
         Route("/scenario/{name}", scenarios.scenario),
-        Route("/corrections/{name}", older.corrections),
+        Route("/corrections/{name}", older.corrections, middleware=packed),
         Route("/scatter/{name}", weeks.scatter),
         Route("/sensitivity/{name}", weeks.sensitivity),
         Route("/command/{name}/{command}", pages.command, methods=["POST"]),

@@ -1,7 +1,6 @@
 """The report on paper: its pages, and how often later measurements confirm its intervals and the tolerance."""
 
 import re
-import subprocess
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,14 +12,8 @@ from gateway.reporting.data import CycleSeen
 from gateway.reporting.figures import summary
 from gateway.reporting.first_lines import losses, verdict
 from gateway.reporting.paper import write_paper
+from tests.benches.printed_pages import printed
 from tests.benches.small_run import small_run
-
-
-def printed(paper: Path, form: str) -> list[str]:
-    """What another program reads on each page. form: an option of pdftotext"""
-    run = ["pdftotext", form, str(paper), "-"]
-    found = subprocess.run(run, capture_output=True, text=True, check=True, timeout=60).stdout
-    return re.split(r"\f|</page>", found)[:-1]
 
 
 @pytest.mark.peer

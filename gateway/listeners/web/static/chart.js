@@ -369,10 +369,9 @@ const savePng = () => {
 };
 // shown: what the screens show
 export const showScreen = (shown) => {
-  const before = [visible, axis].join();
-  visible = shown.screen === "time";
+  visible = shown.sees("time");
   axis = AXES.indexOf(shown.axis);
-  if (before !== [visible, axis].join()) again();
+  if (changed("screen", [visible, axis, shown.printed])) again();
 };
 export const readyChart = () => {
   $("chart").addEventListener("keydown", press);
@@ -385,7 +384,5 @@ export const readyChart = () => {
     if (chart && place.clientWidth && (chart.width !== place.clientWidth || chart.height !== place.clientHeight)) chart.setSize({ width: place.clientWidth, height: place.clientHeight });
     else if (!chart) redraw();
   }).observe($("chart"));
-  const printed = matchMedia("print");
-  printed.addEventListener("change", () => { visible = printed.matches || document.body.dataset.screen === "time"; again(); });
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", again);
 };

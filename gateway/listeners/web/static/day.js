@@ -1,6 +1,6 @@
 // Where the micrometres at the tool came from over the last day: what each part of the machine moved, reason after reason.
 import { machine } from "./choice.js";
-import { $, changed, drawn, make, put } from "./elements.js";
+import { $, afterPaint, changed, drawn, make, put } from "./elements.js";
 import { fetchPast } from "./past.js";
 import { AXES } from "./screens.js";
 import { amount, time, word } from "./words.js";
@@ -9,7 +9,7 @@ import { allInks, axisRow, errorsThen, giveInks, inkOf, SINCE } from "./why.js";
 const SPAN_S = 86400, LONGEST_S = 2 * 3600, MOST_ASKED = 4, PATIENCE_MS = 60e3, AGAIN_MS = 600e3, SOONEST_S = 1;
 // Reasons by grid index: { t, lines }
 const known = new Map();
-let view = null, open = false, asked = 0, oldest = null, asking = false, againMs = 0, course = null, past = null, pastMs = -Infinity;
+let view = null, asked = 0, oldest = null, asking = false, againMs = 0, course = null, past = null, pastMs = -Infinity;
 const keep = (lines) => {
   for (const c of lines) {
     if (!known.has(c.k)) known.set(c.k, { t: Date.parse(c.t) / 1e3, lines: new Map() });
@@ -66,7 +66,7 @@ const draw = (shown, list, i, [low, high]) => {
   return svg;
 };
 const show = () => {
-  if (!open || !view || !view.gateway_time) return;
+  if (!view || !view.gateway_time) return;
   // Drawn again for new reasons, another point or the next minute, not for each message.
   if (!changed("day", [Math.floor(now() / 60), known.size, Math.max(...known.keys()), view.reach, past?.t.length, course?.t.at(-1), allInks()])) return;
   const shown = steps();
@@ -92,7 +92,7 @@ const show = () => {
   }));
 };
 const fetchMore = async () => {
-  if (!open || asking || !view || !view.gateway_time || oldest !== null && oldest < now() - SPAN_S || asked >= MOST_ASKED || performance.now() < againMs) return;
+  if (asking || !view.gateway_time || oldest !== null && oldest < now() - SPAN_S || asked >= MOST_ASKED || performance.now() < againMs) return;
   asking = true;
   const before = oldest === null ? now() : oldest;
   const answer = await fetch(`/corrections/${encodeURIComponent(machine)}?before=${encodeURIComponent(new Date(before * 1e3).toISOString())}`).catch(() => null);
@@ -108,7 +108,7 @@ const fetchMore = async () => {
 export const takeCourse = (c) => { course = c; show(); };
 // What the chart shows of before this page's program listened.
 const fetchErrors = async () => {
-  if (!open || !view || !view.gateway_time || performance.now() - pastMs < AGAIN_MS) return;
+  if (!view.gateway_time || performance.now() - pastMs < AGAIN_MS) return;
   pastMs = performance.now();
   past = (await fetchPast(now() - SPAN_S, now())).found ?? past;
   show();
@@ -118,5 +118,4 @@ export const takeDay = (lines) => {
   for (const [k, { t }] of known) if (view && view.gateway_time && t < now() - SPAN_S - LONGEST_S) known.delete(k);
   show();
 };
-export const showDay = (v) => { view = v; show(); fetchMore(); fetchErrors(); };
-export const showDayOn = (shown) => { open = shown.screen === "why"; show(); fetchMore(); fetchErrors(); };
+export const showDay = (v) => { view = v; show(); afterPaint(() => { fetchMore(); fetchErrors(); }); };

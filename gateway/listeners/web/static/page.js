@@ -2,16 +2,16 @@
 import { showStrip } from "./bars.js";
 import { forgetCourse, keepForecast, readyChart, showCourse, showMarks, showScreen } from "./chart.js";
 import { machine, query, queryOfAll, readyChoice } from "./choice.js";
-import { showDayOn, takeCourse, takeDay } from "./day.js";
+import { takeCourse, takeDay } from "./day.js";
 import { hideCommands, readyCommands, showCommands } from "./commands.js";
-import { $, changed, make, put, say } from "./elements.js";
+import { $, afterPaint, changed, make, put, say } from "./elements.js";
 import { readyDay, readyNext, showMachine, showWord } from "./machine.js";
 import { readyScreens, watch } from "./screens.js";
 import { showSensitivity } from "./sensitivity.js";
 import { showBody } from "./sensors.js";
 import { stream } from "./stream.js";
 import { readyTables, showWeeks, takeCorrections, takeEvents } from "./tables.js";
-import { readyWhen } from "./when.js";
+import { drawWhen, readyWhen } from "./when.js";
 import { readyWhy, showAxis, takeMoved } from "./why.js";
 import { amount, present, sentence, setPresent, time, word } from "./words.js";
 
@@ -109,10 +109,7 @@ if (machine) {
   readyWhy();
   readyWhen();
   readyScreens();
-  [showScreen, showBody, showAxis, showDayOn].forEach(watch);
-  const answers = () => state === "heard" && latest && latest.alive && latest.gateway_time;
-  showWeeks(answers);
-  showSensitivity(answers);
+  [showScreen, showBody, showAxis, drawWhen].forEach(watch);
 }
 const asked = () => machine ? query() : queryOfAll();
 const address = () => (machine ? `/stream/${encodeURIComponent(machine)}?` : "/stream?") + asked();
@@ -133,3 +130,7 @@ const listen = stream(address, {
     takeMoved(c);
   },
 }, become, early());
+if (machine) {
+  const answers = () => state === "heard" && latest && latest.alive && latest.gateway_time;
+  afterPaint(() => { showWeeks(answers); showSensitivity(answers); });
+}

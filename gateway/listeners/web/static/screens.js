@@ -2,10 +2,12 @@
 import { $, make } from "./elements.js";
 
 const NAMES = ["now", "time", "why", "sensors", "log"];
-const shown = { screen: "now", axis: "Z", body: "" };
+const paper = matchMedia("print");
+// sees: whether a screen is seen; on paper all are
+const shown = { screen: "now", axis: "Z", body: "", printed: false, sees: (screen) => shown.printed || shown.screen === screen };
 export const AXES = ["X", "Y", "Z"];
 const watchers = [];
-// Calls `change` with what is shown: whenever that changes, and at once.
+// Calls `change` with what is shown: whenever that changes, also to be printed, and at once.
 export const watch = (change) => { watchers.push(change); change(shown); };
 const read = () => {
   const [screen, what = ""] = decodeURIComponent(location.hash.slice(1)).split("/");
@@ -22,6 +24,7 @@ const read = () => {
 export const readyScreens = () => {
   document.body.classList.toggle("panel", new URLSearchParams(location.search).has("panel"));
   document.querySelector('[data-choice="axis"]').replaceChildren(...AXES.map((axis) => Object.assign(make("a", axis), { href: `#time/${axis}` })));
+  paper.addEventListener("change", () => { shown.printed = paper.matches; watchers.forEach((change) => change(shown)); });
   addEventListener("hashchange", () => { read(); $("main").scrollTop = 0; });
   read();
 };

@@ -1,12 +1,12 @@
 // Every channel with its last hours: those without a good value first. A click shows it on the screen of time.
-import { $, changed, draw, make, marked, drawn, put, say } from "./elements.js";
+import { $, afterPaint, changed, draw, make, marked, drawn, put, say } from "./elements.js";
 import { showChannel } from "./chart.js";
 import { heat } from "./model.js";
 import { fetchPast, trend } from "./past.js";
 import { amount, sentence, word } from "./words.js";
 
 const HOURS = 8, AGAIN_MS = 600e3, WIDE = 110, HIGH = 26, LEAST = 2;
-let latest = null, body = "", visible = false, stored = null, askedMs = -Infinity;
+let latest = null, body = "", stored = null, askedMs = -Infinity;
 const doubt = (said) => { const p = make("p", sentence(said), "doubt"); p.prepend(marked("bad"), " "); return p; };
 const line = (channel, value) => {
   const [t, v] = trend(channel, stored), found = t.flatMap((each, i) => v[i] !== null && each > t.at(-1) - HOURS * 3600 ? [[each, v[i]]] : []);
@@ -53,7 +53,7 @@ const list = () => {
   draw("channels", [shown, body, stored && stored.t.at(-1)], () => shown.map(item));
 };
 const load = async () => {
-  if (!visible || !latest || !latest.gateway_time || performance.now() - askedMs < AGAIN_MS) return;
+  if (!latest.gateway_time || performance.now() - askedMs < AGAIN_MS) return;
   askedMs = performance.now();
   const now = Date.parse(latest.gateway_time) / 1e3;
   stored = (await fetchPast(now - HOURS * 3600, now, "temperatures")).found;
@@ -70,11 +70,10 @@ export const showSensors = (v) => {
   $("heat-empty").hidden = v.channels.length > 0;
   choices(v.channels);
   list();
-  load();
+  afterPaint(load);  // also for paper, of which nobody says beforehand that it will be wanted
 };
 // shown: what the screens show
 export const showBody = (shown) => {
   body = shown.body;
-  visible = shown.screen === "sensors";
   if (latest) showSensors(latest);
 };

@@ -4,7 +4,7 @@ import { $, changed, drawn, make, put, say } from "./elements.js";
 import { amount, clock, time, whyNot, word } from "./words.js";
 
 let latest = null, asked = null, tolerance = null;
-const WIDE = matchMedia("(min-width: 1200px) and (min-height: 640px)"), NARROW = matchMedia("(max-width: 760px)");
+const PAPER = matchMedia("print"), WIDE = matchMedia("(min-width: 1200px) and (min-height: 640px)"), NARROW = matchMedia("(max-width: 760px)");
 const HOURS = 2, PAD = [40, 10, 12, 24], WORDS = 110;
 const numbers = (list) => list.filter((n) => n !== null);
 const STYLES = ["b0", "b1", "b2", "b3"];
@@ -62,6 +62,7 @@ const offer = (planned) => {
   $("warm-load").replaceChildren(...[...planned.map((name) => [name, name]), ["", word("scenario.spindle")]].map(([value, text]) => Object.assign(make("option", text), { value })));
   if (planned.includes(chosen)) $("warm-load").value = chosen;
 };
+export const drawWhen = () => show();
 // v: what the page shows
 export const showWhen = (v) => {
   latest = v;
@@ -87,8 +88,9 @@ const ask = async () => {
   }
   show();
 };
-// A desktop and a phone have it on the first screen; a panel beside what moves the errors.
-const settle = () => (WIDE.matches || NARROW.matches ? $("now") : $("why-right")).append($("when"));
+// A desktop and a phone have it on the first screen; a panel beside what moves the errors. What begins to be printed has
+// been divided into pages already.
+const settle = () => PAPER.matches || (WIDE.matches || NARROW.matches ? $("now") : $("why-right")).append($("when"));
 export const readyWhen = () => {
   $("warm-ask").addEventListener("click", ask);
   for (const each of ["warm-load", "warm-minutes"]) $(each).addEventListener("change", () => { asked = null; $("warm-said").replaceChildren(); show(); });
