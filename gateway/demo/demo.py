@@ -2,6 +2,7 @@
 
 import asyncio
 import os
+import shlex
 import socket
 from pathlib import Path
 from typing import Any, Literal
@@ -39,7 +40,8 @@ _HEIGHT_MM = 50.0
 """Of the dry run, which comes before everything else as at any machine."""
 _POLL_S = 2.0
 """Between two looks at it."""
-_USE = "[machine.bench]\ntolerance_um = 8.0\nsphere_radius_mm = 200.0\nsphere_height_mm = 80.0\n"
+_TOLERANCE_UM = 8.0
+_USE = f"[machine.bench]\ntolerance_um = {_TOLERANCE_UM}\nsphere_radius_mm = 200.0\nsphere_height_mm = 80.0\n"
 """What its page knows of it: a job's tolerance, and [probing] of simulators/bench/gateway.toml."""
 
 
@@ -60,10 +62,11 @@ def run_demo(demo: Demo) -> None:
     console, said = terminal(), Language(language_wanted(os.environ))
     asyncio.run(_run(demo, console, said))
     console.print()
-    reader = Reader(language=said.code)
+    reader = Reader(language=said.code, tolerance_um=_TOLERANCE_UM)
     write(demo.folder / "gateway.sqlite", demo.folder / "report.html", demo.folder / "truth.csv", reader)
-    console.print(said("demo.replay", file=str(demo.folder / "gateway.sqlite")))
-    console.print(said("demo.look", page=(demo.folder / "report.html").resolve().as_uri()), soft_wrap=True)
+    console.print(said("demo.replay", file=str(demo.folder / "gateway.sqlite")), soft_wrap=True)
+    page, folder = (demo.folder / "report.html").resolve().as_uri(), shlex.quote(str(demo.folder))
+    console.print(said("demo.look", page=page, folder=folder), soft_wrap=True)
 
 
 def replay_demo(folder: Path, port: int) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 
 from drivers.base import Quality
 from gateway.model.text import Language
+from gateway.reporting.coverage import within_tolerance
 from gateway.reporting.data import CycleSeen, ReportData, cycle_s, probing_s
 from gateway.reporting.figures import Change, Summary, SummaryRow
 from gateway.reporting.local import hours, shifts_between
@@ -45,6 +46,15 @@ def verdict(data: ReportData, s: Summary) -> str:
         change=worst.change_rms.written(said),
     )  # fmt: skip
     return told if data.recorded is not None else said("report.productive", told=told, percent=_productive(data))
+
+
+def tolerance_met(data: ReportData, s: Summary) -> str:
+    """How much of the time all axes were within the tolerance, in words; empty: there is none, or it is not known."""
+    found = within_tolerance(data, s)
+    if found is None or data.tolerance_um is None:
+        return ""
+    before, after = (100.0 * share for share in found)
+    return Language(data.language)("report.within", tolerance=data.tolerance_um, before=before, after=after)
 
 
 def losses(data: ReportData, s: Summary) -> tuple[tuple[str, str], ...]:
@@ -162,9 +172,9 @@ def _probing(data: ReportData, said: Language) -> list[tuple[str, str]]:
     if not data.cycles_seen:
         return []
     many, share = _many(data.cycles_seen), 100.0 - _productive(data)
-    one_s = cycle_s(data.cycles_seen)
-    one, lasted = (hours(s, said) for s in (one_s, probing_s(data.cycles_seen, one_s)))
-    found = [("probing", said("report.probing", n=many, one=one, lasted=lasted, percent=share))]
+    took_s = probing_s(data.cycles_seen, cycle_s(data.cycles_seen))
+    told = said("report.probing", n=many, one_s=took_s / many, lasted=hours(took_s, said), percent=share)
+    found = [("probing", told)]
     refused = [cycle.refused for cycle in data.cycles_seen if cycle.refused]
     if refused:
         found.append(("refused", said("report.refused", n=len(refused), last=said.of(refused[-1]))))

@@ -14,7 +14,7 @@ from gateway.reporting.charts import ChartGroup, error_charts, input_charts, too
 from gateway.reporting.coordinates import by_coordinate
 from gateway.reporting.data import NotYet, ReportData
 from gateway.reporting.figures import summary
-from gateway.reporting.first_lines import by_shift, losses, not_good, verdict
+from gateway.reporting.first_lines import by_shift, losses, not_good, tolerance_met, verdict
 from gateway.reporting.local import hours, weekday
 from gateway.reporting.plots import inputs_plot, still
 from gateway.reporting.series import series
@@ -70,6 +70,7 @@ def build(data: ReportData) -> str:
         s=s,
         not_yet=[each.written(said) for each in data.not_yet],
         verdict=verdict(data, s),
+        tolerance_met=tolerance_met(data, s),
         losses=losses(data, s),
         shifts=by_shift(data, s),
         coordinates=by_coordinate(data),

@@ -14,10 +14,10 @@ from matplotlib.figure import Figure
 from drivers.base import Quality
 from gateway.model.text import Language, Value
 from gateway.reporting.charts import ChartGroup, Ink, error_charts, input_charts, tool_charts
-from gateway.reporting.coverage import Covered, covered, within_tolerance
+from gateway.reporting.coverage import Covered, covered
 from gateway.reporting.data import ReportData, cycle_s, probing_s
 from gateway.reporting.figures import Summary, SummaryRow, summary
-from gateway.reporting.first_lines import by_shift, losses, not_good, verdict, worst_row
+from gateway.reporting.first_lines import by_shift, losses, not_good, tolerance_met, verdict, worst_row
 from gateway.reporting.local import hours
 from gateway.reporting.plots import CHART_STYLE, INK_COLOURS, across, draw_chart, show_time
 from talc.frame import EventKind
@@ -29,6 +29,10 @@ _LINE: Final = 0.0175
 """Height of a line of text, as a share of the page's."""
 _LETTERS: Final = 104
 """In a line of ordinary text."""
+_SCALE, _NAME = 0.085, 0.017
+"""Room left of a chart, as shares of the page's width: for its axis, and of that for the axis's name."""
+_NAME_LETTERS: Final = 0.62
+"""Width of a letter of an axis's name, as a share of its size."""
 _MOST_NAMES: Final = 10
 _SIZES: Final = (8.0, 7.0, 6.0, 5.0)
 """Of a table's letters, in points: the largest with which it fits."""
@@ -103,7 +107,9 @@ class _Sheet:
     def axes(self, height: float, low: float = 0.0) -> Axes:
         """A chart of this share of the page's height. low: room below it"""
         self._y -= height
-        found = self.figure.add_axes((_LEFT + 0.035, self._y, _RIGHT - _LEFT - 0.035, height - 0.03))
+        wide = _RIGHT - _LEFT - _SCALE
+        found = self.figure.add_axes((_LEFT + _SCALE, self._y, wide, height - 0.03))
+        found.yaxis.set_label_coords((_NAME - _SCALE) / wide, 0.5)
         self._y -= low
         return found
 
@@ -134,23 +140,20 @@ def _manager(sheet: _Sheet, data: ReportData, s: Summary, said: Language) -> Non
     def t(key: str, **values: Value) -> str:
         return said(f"report_paper.{key}", **values)
 
-    sheet.heading(verdict(data, s), 15.0)
+    sheet.heading(tolerance_met(data, s) or verdict(data, s), 13.0)
     begin, end, lasted = data.moment(0.0), data.moment(float(data.time_s[-1])), hours(s.hours * 3600.0, said)
     sheet.lines([said("report.span", machine=data.machine, begin=begin, end=end, lasted=lasted)], colour=_GREY)
-    found = within_tolerance(data, s)
     one_s = cycle_s(data.cycles_seen)
     spent = probing_s(data.cycles_seen, one_s)
     whole = float(data.time_s[-1]) + data.step_s
     shown: list[tuple[str, str]] = []
-    if found is not None and data.tolerance_um is not None:
-        before, after = found
-        told = {"tolerance": data.tolerance_um, "before": 100.0 * before}
-        shown.append((f"{said.number(100.0 * after, '.0f')} %", t("within", **told)))
     row = worst_row(s)
     if row is not None:
-        shown.append((row.change_rms.written(said), t("less", what=row.written(said))))
+        what = t("less", what=row.written(said), before=row.e_rms, after=row.compensated_e_rms, unit=row.unit)
+        shown.append((row.change_rms.written(said), what))
     if data.recorded is None:
-        shown.append((hours(max(whole - spent, 0.0), said), t("minutes", probing=hours(spent, said))))
+        left = max(whole - spent, 0.0)
+        shown.append((hours(left, said), t("minutes", probing=hours(spent, said), percent=100.0 * left / whole)))
     sheet.numbers(shown)
     _before_and_after(sheet.axes(0.3, 0.035), data, s, said)
     sheet.heading(t("to_do"))
@@ -259,6 +262,8 @@ def _charts(sheet: _Sheet, data: ReportData, group: ChartGroup | None, most: int
     for chart in charts:
         axes = sheet.axes(height - 0.025, 0.025)
         draw_chart(axes, data, chart)
+        name, room = axes.yaxis.label, 72.0 * _A4[1] * axes.get_position().height
+        name.set_fontsize(min(8.5, room / (_NAME_LETTERS * max(len(name.get_text()), 1))))
         show_time(axes, data)
 
 
@@ -271,6 +276,9 @@ def _tool(sheet: _Sheet, data: ReportData, s: Summary, said: Language) -> None:
              said("report_column.with"), said("report_column.change")]  # fmt: skip
     sheet.table(heads, [_figures(row, said) for row in (*s.tool, *s.rows)], (2, 1, 1.1, 1.1, 1.1, 1.1, 4))
     sheet.heading(said("report_line.tool"), 9.5)
+    if s.course is not None and data.compensation_s.size:
+        place = said(f"report.tool_{s.course.basis}")
+        sheet.lines([said("report_paper.offset_where", place=place)], colour=_GREY)
     _charts(sheet, data, tool_charts(data, s.course), 3, said)
 
 
@@ -302,7 +310,7 @@ def _records(sheet: _Sheet, data: ReportData, s: Summary, said: Language) -> Non
         heads = [said(f"report_column.{name}") for name in ("from", "without", "with", "change", "cycles", "probing")]
         rows = [(r.when, r.before, r.after, "" if r.change is None else r.change.written(said), r.cycles, r.probing)
                 for r in shifts[-24:]]  # fmt: skip
-        sheet.table(heads, rows, (4, 2, 2, 3, 2, 2))
+        sheet.table(heads, rows, (4, 2, 2, 3, 3, 2))
     bad = [f"{name}: {told}" for name, told in not_good(data, said)]
     sheet.heading(said("report.channels"))
     good = len(data.channel_health) - len(bad)

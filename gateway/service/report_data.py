@@ -136,12 +136,17 @@ def collect(database: Path, truth: Path | None = None, reader: Reader | None = N
             stale=np.array([c.source in _WITHOUT_PREDICTION for c in compensation], dtype=np.bool_),
             sphere_m=(config.probing.sphere_radius_mm * 1e-3, config.probing.sphere_height_mm * 1e-3),
             mode=config.compensation.mode,
-            tolerance_um=reader.tolerance_um,
+            tolerance_um=reader.tolerance_um or _stated(steps),
             instruments=tuple(
                 (each.what, each.serial, _day(each.calibrated), _day(each.due)) for each in config.instruments
             ),
             not_yet=() if earlier else not_yet(history, config, steps, health),
         )
+
+
+def _stated(steps: Sequence[StoredStep]) -> float | None:
+    """The tolerance, µm, that part programs stated last; None: none did."""
+    return next((um for step in reversed(steps) if (um := step.frame.tolerance_um)), None)
 
 
 def _day(day: date | None) -> str:

@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+import shlex
 import signal
 import socket
 import sqlite3
@@ -14,6 +15,7 @@ import urllib.request
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
@@ -223,9 +225,12 @@ def test_replay_is_identical(run: DemoRun) -> None:
     assert result.steps == len(run.published_frames)
 
 
-def test_its_days_are_played_again_for_its_page_and_answer_what_if(run: DemoRun) -> None:
-    port = free_port()
-    command = [*GATEWAY, "demo", "--replay", "--folder", str(run.folder), "--zenoh-port", str(port)]
+def test_its_last_line_says_where_to_look_and_its_days_are_played_again_and_answer_what_if(run: DemoRun) -> None:
+    words = shlex.split(run.output.splitlines()[-1])
+    (report,) = (Path(urlsplit(word).path) for word in words if word.startswith("file:"))
+    assert report.read_text(encoding="utf-8").startswith("<!doctype html>")
+    at = words.index("talc-gateway") + 1
+    command = [*GATEWAY, *words[at : words.index(str(run.folder)) + 1], "--zenoh-port", str(free_port())]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
         try:
             assert process.stdout is not None

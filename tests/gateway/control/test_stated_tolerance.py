@@ -10,6 +10,7 @@ from gateway.config.problems import ConfigError
 from gateway.control.grid import GridSampler, Instant
 from gateway.control.replay.stored import replay
 from gateway.control.restart.rebuild import controller_of
+from gateway.service.report_data import Reader, collect
 from gateway.storage.history import History
 from gateway.storage.store import Store
 from talc.frame import EventKind
@@ -49,6 +50,10 @@ def test_a_stated_tolerance_is_followed_stored_and_replayed_bit_for_bit(tmp_path
     assert result.identical, result.first
     assert latest.frame.tolerance_um == 7.3
     assert restarted(config).controller.state().course.tolerance_um == 7.3  # type: ignore[union-attr]
+    assert [collect(config.storage.path, reader=Reader(tolerance_um=um)).tolerance_um for um in (None, 2.0)] == [
+        7.3,
+        2.0,
+    ]
 
 
 @pytest.mark.parametrize(
