@@ -53,6 +53,19 @@ class Ages:
         passed_s = self._clock.utc().timestamp() + self._last.lead_s - self._last.k * self._step_s
         return passed_s if passed_s >= 0 else math.inf
 
+    @property
+    def lead_s(self) -> float:
+        """How far the numbering goes on ahead of UTC: as at the last moment, or by whole steps more where a clock that
+        was ahead has been set back since; else the pause would be as if it had not been."""
+        if self._last is None:
+            return 0.0
+        if self._same_start and self.known:
+            numbered_s = self._last.k * self._step_s
+            ahead_s = numbered_s - self._clock.utc().timestamp() + self.pause_s
+            if ahead_s - self._last.lead_s > self._step_s / 2:
+                return math.ceil(ahead_s / self._step_s) * self._step_s
+        return self._last.lead_s
+
     def _ahead_of_monotonic_s(self) -> float:
         return self._clock.utc().timestamp() - self._clock.monotonic()
 

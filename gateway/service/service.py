@@ -180,7 +180,7 @@ class Service:
         grid = GridLoop(
             past.controller,
             sampler,
-            Schedule(step_s, past.last_k, 0.0 if past.moment is None else past.moment.lead_s),
+            Schedule(step_s, past.last_k, ages.lead_s),
             clock,
             publish,
             measuring,

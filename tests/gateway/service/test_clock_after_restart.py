@@ -131,7 +131,6 @@ class RestartedGrid:
 
     async def until(self, *moments: tuple[float, datetime | None]) -> None:
         """Run to each time; there the clock is synchronised with the given one."""
-        lead_s = 0.0 if self.past.moment is None else self.past.moment.lead_s
         with Store(self.config.storage.path, self.boot, self.clock) as store:
             store.begin(self.config.canonical(), self.config.fingerprint(), "")
 
@@ -142,7 +141,7 @@ class RestartedGrid:
             plan = schedule_of(Probing(prefer_idle_s=0.0, insist_after_s=0.0, retries=0, pause_s=0.0))
             loop = GridLoop(
                 self.past.controller, GridSampler(self.config.input_names, STEP_S),
-                Schedule(STEP_S, self.past.last_k, lead_s), self.clock, sink,
+                Schedule(STEP_S, self.past.last_k, self.ages.lead_s), self.clock, sink,
                 Measuring(None, plan, Probing(), self.clock, sink),
                 Trainings(self.past.controller, self.clock, sink), self.ages,
             )  # fmt: skip
@@ -243,6 +242,17 @@ async def test_a_restart_of_the_service_alone_needs_no_wall_clock(config: Gatewa
     after = RestartedGrid(config, started(Boot(MONDAY + timedelta(seconds=45 * STEP_S), synchronised=True)), "later")
     true_s = WEEKEND.total_seconds() + 45 * STEP_S
     assert true_s - 1.0 <= after.clock.monotonic() - after.ages.monotonic_of(before) <= true_s + 2 * STEP_S
+
+
+async def test_a_pause_after_a_clock_that_was_ahead_is_no_shorter_than_it_is(config: GatewayConfig) -> None:
+    at = RestartedGrid(config, started(Boot(MONDAY + timedelta(days=8))), "ahead")
+    await at.until((1.5 * STEP_S, None))
+    clock = started(Boot(MONDAY, synchronised=True))
+    clock.started_as = at.clock.started_as
+    clock.spend(41.5 * STEP_S)
+    again = RestartedGrid(config, clock, "right")
+    await again.until((43 * STEP_S, None))
+    assert 41 <= again.frames[0].k - at.frames[0].k <= 42
 
 
 async def test_a_clock_that_is_set_before_the_first_step_ends_leaves_nothing_unknown(config: GatewayConfig) -> None:
