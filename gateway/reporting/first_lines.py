@@ -49,7 +49,7 @@ def verdict(data: ReportData, s: Summary) -> str:
 
 
 def tolerance_met(data: ReportData, s: Summary) -> str:
-    """At how many of the instants that are judged all axes were within the tolerance, in words; empty: there is none, or it is not known."""
+    """At how many of the judged instants all axes were within the tolerance, in words; empty: not known."""
     found = within_tolerance(data, s)
     if found is None or data.tolerance_um is None:
         return ""
