@@ -30,6 +30,8 @@ T99 M6 G43 H99
 M68 E9 Q1
 M66 P3 L3 Q300
 o<talc_safe_point> call
+M68 E9 Q3
+M66 P3 L4 Q300
 T5 M6 G43 H5
 G53 G0 X-200 Y100 A30
 M68 E9 Q2
@@ -68,7 +70,10 @@ async def test_offsets_stand_still_from_the_first_touch_to_the_last_and_nothing_
                     return await bench.operator.number("getp", "talc.seen") > before_s
 
                 await until(looked)
+                waits = await marked(bench, 3)  # with the probe still, after the cycle
                 chunks.append(np.array(await bench.operator.ask("sample", 100, *SIGNALS)))
+                if waits:
+                    await bench.operator.ask("hal", "setp", "motion.digital-in-03", "0")
         told = await bench.nc.probing_status(17)
 
     rows = np.vstack(chunks)
