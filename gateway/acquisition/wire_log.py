@@ -19,7 +19,9 @@ from types import TracebackType
 from typing import Literal, Self, TextIO
 
 from drivers.bounded_file import opened
+from gateway.config.model import GatewayConfig
 from gateway.model.codes import NoticeCode
+from gateway.model.given import GivenError
 from gateway.model.text import Text
 
 log = logging.getLogger(__name__)
@@ -37,7 +39,7 @@ _LINE = re.compile(r"\((\d+\.\d+)\) (\w+) (?:([<>]) ([0-9a-f]*)|! (.+)|([0-9A-F]
 PassedKind = Literal["sent", "received", "note"]
 
 
-class WireLogError(ValueError):
+class WireLogError(GivenError):
     """The file is not a recording. The text names file and line."""
 
 
@@ -269,3 +271,13 @@ def _event(line: str) -> WireEvent | None:
     if identifier is None:
         return WireEvent(float(at), bus, passed, bytes.fromhex(digits))
     return WireEvent(float(at), bus, passed, bytes.fromhex(digits), int(identifier, 16), len(identifier) == 8)
+
+
+def not_recorded(config: GatewayConfig) -> list[str]:
+    """The buses whose traffic the wire log does not hold, and what to do instead."""
+    instead = "db export, or a Zenoh subscriber, keeps the values that were read"
+    return [
+        f"bus '{bus.name}' ({bus.kind}): the traffic of {bus.unrecorded} is not recorded; {instead}"
+        for bus in config.buses
+        if bus.unrecorded
+    ]

@@ -14,12 +14,11 @@ from types import CodeType
 import click
 
 from drivers.base import DriverError, SetupError
-from gateway.acquisition.wire_log import WireLogError
 from gateway.config.problems import ConfigError
 from gateway.model.codes import NoticeCode
+from gateway.model.given import GivenError
 from gateway.model.text import Text, language_wanted, text_of
-from gateway.reporting.recordings.problems import RecordingError
-from gateway.runtime.bounded_memory import MemoryBoundError, address_space_left
+from gateway.runtime.bounded_memory import address_space_left
 from gateway.storage.faults import StoreError
 
 EXIT_CONFIG = 2
@@ -28,7 +27,6 @@ EXIT_WORLD = 3
 """A fault outside the program: a port in use, a device absent, an NC that refuses."""
 EXIT_DIFFERENT = 1
 """A check failed: a replay that differs, a damaged database, a clause that an agent does not keep."""
-_GIVEN_WRONG = (ConfigError, MemoryBoundError, RecordingError, SetupError, WireLogError)
 _DATABASE = b"SQLite format 3\0"
 _LIBRARY_BYTES = 2**25
 """Address space that the largest of the libraries takes in one piece, or a few threads."""
@@ -65,7 +63,7 @@ class Commands(CommandsElsewhere):
     def invoke(self, ctx: click.Context) -> object:
         try:
             return super().invoke(ctx)
-        except _GIVEN_WRONG as error:
+        except (GivenError, SetupError) as error:
             click.echo(f"error: {told(error)}", err=True)
             sys.exit(EXIT_CONFIG)
         except (DriverError, StoreError, OSError) as error:

@@ -169,7 +169,7 @@ def record(config: Path, output: Path, seconds: float | None, most_mb: float) ->
     buses and devices of CONFIG, so that it can be played elsewhere. The NC is not recorded. Nothing is written to any
     device. Exit code 3: no channel could be read at any time.
     """
-    from gateway.acquisition.record import record as write_down
+    from gateway.commissioning.record import record as write_down
 
     if output.exists():
         raise click.UsageError(f"{output} already exists; recordings are not overwritten, so give another name with -o")

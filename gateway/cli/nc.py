@@ -43,7 +43,7 @@ def sinumerik_files(config: Path, output: Path) -> None:
     Axes, travel, origin, signs, slew and bounds are in the program, so write and load it again when one of them changes
     in CONFIG: the gateway refuses one made with others. docs/nc.md describes it, and the first hour with it.
     """
-    from gateway.nc.program_file import write_program
+    from gateway.commissioning.sinumerik_files import write_program
 
     path, actions = write_program(config, output)
     click.echo(f"{path}: {actions} synchronised actions. Call it at power on instead of TALC_START")

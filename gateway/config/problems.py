@@ -15,6 +15,7 @@ from drivers.section import strictly
 from drivers.text import shown
 from drivers.toml_text import TomlError, nearest, toml_data, toml_lines
 from gateway.model.codes import NoticeCode
+from gateway.model.given import GivenError
 from gateway.model.text import Text
 
 __all__ = ["ConfigError", "Problem", "place", "read_sections", "shown", "suggestion"]
@@ -25,7 +26,7 @@ _MOST_SAID = 10
 _LONGEST_SHOWN = 300
 
 
-class ConfigError(Exception):
+class ConfigError(GivenError):
     """The configuration cannot be used. The text has one line per problem, each beginning with the file's name, and
     below it, if it is known, the line of the file."""
 

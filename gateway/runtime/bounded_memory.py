@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from gateway.model.codes import NoticeCode
+from gateway.model.given import GivenError
 from gateway.model.text import Text
 
 _LEAST_BYTES = 150 * 2**20
@@ -14,7 +15,7 @@ _TIMES = 12
 """What a file of text may take for each of its bytes: cells as texts, then as numbers."""
 
 
-class MemoryBoundError(Exception):
+class MemoryBoundError(GivenError):
     """The file takes more memory than a file of its size may."""
 
 

@@ -8,8 +8,7 @@ from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 
-from gateway.acquisition.record import not_recorded
-from gateway.acquisition.wire_log import WireLogWriter
+from gateway.acquisition.wire_log import WireLogWriter, not_recorded
 from gateway.config.applied import ConfigurationApplied
 from gateway.config.model import GatewayConfig
 from gateway.config.packed import packed_toml

@@ -25,8 +25,7 @@ import pyarrow as pa
 from pyarrow import parquet
 
 from drivers.base import SetupError
-from gateway.acquisition.record import not_recorded
-from gateway.acquisition.wire_log import WireLogError
+from gateway.acquisition.wire_log import WireLogError, not_recorded
 from gateway.cli.main import main as commands
 from gateway.config.problems import ConfigError
 from gateway.demo.play import read_wire_recording

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from gateway.config.problems import Problem
+from gateway.model.given import GivenError
 
 _SHOWN = 10
 """Number of problems that are listed; more are only counted."""
@@ -12,7 +13,7 @@ _ALIKE = 3
 """Number of those of one kind that are listed, so that others are seen too."""
 
 
-class RecordingError(Exception):
+class RecordingError(GivenError):
     """The recording cannot be used. The text has one line per problem, each beginning with the file's name."""
 
     def __init__(self, file: Path, problems: Sequence[Problem], more: int = 0) -> None:

@@ -5,8 +5,7 @@ from pathlib import Path
 
 from click.testing import CliRunner, Result
 
-from gateway.acquisition.record import not_recorded
-from gateway.acquisition.wire_log import WireLogWriter
+from gateway.acquisition.wire_log import WireLogWriter, not_recorded
 from gateway.cli.main import main
 from gateway.config.file import load
 from gateway.config.packed import packed_toml

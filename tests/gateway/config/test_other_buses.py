@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway.acquisition.record import not_recorded
+from gateway.acquisition.wire_log import not_recorded
 from gateway.commissioning.doctor.health import health_findings
 from gateway.config.file import parse
 from gateway.config.rules import cautions

@@ -9,7 +9,7 @@ import click
 from drivers.base import Reading
 from gateway.acquisition.acquisition import Acquisition
 from gateway.acquisition.build import lines_of
-from gateway.acquisition.wire_log import WireLogWriter
+from gateway.acquisition.wire_log import WireLogWriter, not_recorded
 from gateway.config.model import GatewayConfig
 from gateway.config.packed import packed_toml
 from gateway.model.notice import Notice
@@ -19,16 +19,6 @@ from gateway.runtime.terminal import counted, terminal
 
 _LOOK_EVERY_S = 1.0
 """How often the size of the file is checked."""
-
-
-def not_recorded(config: GatewayConfig) -> list[str]:
-    """The buses whose traffic the wire log does not hold, and what to do instead."""
-    instead = "db export, or a Zenoh subscriber, keeps the values that were read"
-    return [
-        f"bus '{bus.name}' ({bus.kind}): the traffic of {bus.unrecorded} is not recorded; {instead}"
-        for bus in config.buses
-        if bus.unrecorded
-    ]
 
 
 def record(config: GatewayConfig, path: Path, seconds: float | None, most_mb: float) -> bool:
