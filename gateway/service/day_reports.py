@@ -37,7 +37,7 @@ def made(database: Path, asked: ReportRequest) -> bytes:
     from gateway.reporting.page import build
     from gateway.service.report_data import Reader, collect, empty_page  # loads what draws: never in the gateway itself
 
-    reader = Reader(_zone(asked.zone), day=asked.day, language=asked.language)
+    reader = Reader(_zone(asked.zone), day=asked.day, language=asked.language, tolerance_um=asked.tolerance_um)
     page = (empty_page(database, reader) or build(collect(database, reader=reader))).encode()
     if len(page) > _MOST_BYTES:
         raise ValueError(f"the page of {asked.day} has {len(page) / 1e6:.1f} MB, more than {_MOST_BYTES / 1e6:g} MB")

@@ -10,6 +10,7 @@ from gateway.telemetry.codec import encode
 from gateway.telemetry.queries import Answering, Replied, parameters_of
 
 _LONGEST_NAME = 64
+LARGEST_TOLERANCE_UM = 1e4
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,6 +22,8 @@ class ReportRequest:
     """Time zone of the day, such as Europe/Zurich; empty: the time zone of the gateway's computer."""
     language: str = "en"
     """Of the catalogue."""
+    tolerance_um: float | None = None
+    """Of the jobs; None: what part programs stated last."""
 
 
 ReportSource = Callable[[ReportRequest], ReportPage]
@@ -37,7 +40,7 @@ def parse_report(selected: str) -> ReportRequest:
 
     Raises ValueError naming parameter, value and what would be right.
     """
-    parameters = parameters_of(selected, ("day", "zone", "language"))
+    parameters = parameters_of(selected, ("day", "zone", "language", "tolerance"))
     day, zone = parameters.get("day", ""), parameters.get("zone", "")
     try:
         found = date.fromisoformat(day)
@@ -50,4 +53,16 @@ def parse_report(selected: str) -> ReportRequest:
     language = parameters.get("language", "en")
     if language not in languages():
         raise ValueError(f"language = {language!r}: expected one of {', '.join(languages())}")
-    return ReportRequest(found, zone, language)
+    return ReportRequest(found, zone, language, _tolerance_um(parameters.get("tolerance")))
+
+
+def _tolerance_um(text: str | None) -> float | None:
+    if text is None:
+        return None
+    try:
+        found = float(text)
+    except ValueError:
+        found = 0.0
+    if not 0.0 < found <= LARGEST_TOLERANCE_UM:
+        raise ValueError(f"tolerance = {text[:40]!r}: expected µm, at most {LARGEST_TOLERANCE_UM:g}")
+    return found

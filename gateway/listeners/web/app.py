@@ -26,7 +26,7 @@ from gateway.listeners.web.commands import GivePageCommand, PageCommands
 from gateway.listeners.web.day_report import DayReportPages
 from gateway.listeners.web.older import OlderPages
 from gateway.listeners.web.page_files import PageFiles
-from gateway.listeners.web.past import MOST_POINTS, shown_past, span, written
+from gateway.listeners.web.past import MOST_POINTS, asked_number, asked_tolerance_um, shown_past, span
 from gateway.listeners.web.scenario import ScenarioPages
 from gateway.listeners.web.sentences import UNHEARD, why
 from gateway.listeners.web.settings import MachineUse, WebSettings
@@ -47,7 +47,6 @@ _UNBUFFERED = {"x-accel-buffering": "no"}
 _ENCODER = msgspec.json.Encoder()
 _DECODER = msgspec.json.Decoder(dict[str, dict[str, str]])
 _FARTHEST_MM = 10_000.0
-_LARGEST_TOLERANCE_UM = 10_000.0
 
 
 def _template(name: str) -> str:
@@ -258,18 +257,5 @@ def _viewpoint_of(query: Mapping[str, str], known: Mapping[str, MachineUse]) -> 
 
 
 def _asked(query: Mapping[str, str]) -> dict[str, float | None]:
-    return {
-        name: _asked_number(query, name, _LARGEST_TOLERANCE_UM if name == "tolerance" else _FARTHEST_MM)
-        for name in ("tolerance", "x", "y", "z", "a", "c")
-    }
-
-
-def _asked_number(query: Mapping[str, str], name: str, largest: float) -> float | None:
-    text = query.get(name)
-    if text is None or text == "":
-        return None
-    value = written(text)
-    least = 1e-3 if name == "tolerance" else -largest
-    if not least <= value <= largest:
-        raise SetupError(Text(NoticeCode.ASKED_BEYOND, name=name, value=text[:40], least=least, largest=largest))
-    return value
+    place = {name: asked_number(query, name, -_FARTHEST_MM, _FARTHEST_MM) for name in ("x", "y", "z", "a", "c")}
+    return place | {"tolerance": asked_tolerance_um(query)}

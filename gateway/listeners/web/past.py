@@ -1,16 +1,21 @@
 """The charts of the time before this page's program was listening, from the gateway's store."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 
 import numpy as np
 
+from drivers.base import SetupError
 from drivers.number_types import WRITTEN_NUMBER
 from gateway.listeners.web.at_tool import half_width, moved
 from gateway.listeners.web.parts import mark_of
+from gateway.model.codes import NoticeCode
+from gateway.model.text import Text
 from gateway.telemetry.answers import CoursePage
 from gateway.telemetry.messages import PublishedCourse
+from gateway.telemetry.report_queries import LARGEST_TOLERANCE_UM
 from gateway.telemetry.subscriber.machine import believable
 from talc.frame import FloatArray
 from talc.names import THERMAL_ERRORS
@@ -91,6 +96,22 @@ def span(begin: str, end: str) -> tuple[datetime, datetime]:
 def written(text: str) -> float:
     """The number of a text in an address; NaN: it is not a number. Python also reads 1_0 and other scripts' digits."""
     return float(text) if WRITTEN_NUMBER.fullmatch(text) else math.nan
+
+
+def asked_number(query: Mapping[str, str], name: str, least: float, largest: float) -> float | None:
+    """The number of this name in an address; None: it is not there. Raises SetupError."""
+    text = query.get(name)
+    if text is None or text == "":
+        return None
+    value = written(text)
+    if not least <= value <= largest:
+        raise SetupError(Text(NoticeCode.ASKED_BEYOND, name=name, value=text[:40], least=least, largest=largest))
+    return value
+
+
+def asked_tolerance_um(query: Mapping[str, str]) -> float | None:
+    """Likewise."""
+    return asked_number(query, "tolerance", 1e-3, LARGEST_TOLERANCE_UM)
 
 
 def columns(values: FloatArray, digits: int = 2) -> list[list[float | None]]:

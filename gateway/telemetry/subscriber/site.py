@@ -155,12 +155,16 @@ class SiteSubscription:
         selected = f"from={begin.isoformat()};to={end.isoformat()};limit={limit};reasons=yes"
         return self._asked(machine, f"{keys.COURSE}?{selected}", CoursePage, _ANSWER_LIMIT_S)
 
-    def ask_report(self, machine: str, day: date, zone: str, language: str) -> ReportPage:
-        """The report of a machine's day. Blocks. Raises OSError with what the gateway says, or that it says nothing."""
+    def ask_report(
+        self, machine: str, day: date, zone: str, language: str, tolerance_um: float | None = None
+    ) -> ReportPage:
+        """The report of a machine's day, judged by a tolerance; None: by what part programs stated. Blocks. Raises
+        OSError with what the gateway says, or that it says nothing."""
         selector = f"{keys.REPORT}?day={day.isoformat()};zone={zone}"
         try:
-            return self._asked(machine, f"{selector};language={language}", ReportPage, _REPORT_LIMIT_S)
-        except QueryRefusal:  # an earlier program knows no languages; what else is wrong is refused again
+            more = f";language={language}" + ("" if tolerance_um is None else f";tolerance={tolerance_um:g}")
+            return self._asked(machine, selector + more, ReportPage, _REPORT_LIMIT_S)
+        except QueryRefusal:  # an earlier program knows neither; what else is wrong is refused again
             return self._asked(machine, selector, ReportPage, _REPORT_LIMIT_S)
 
     def ask_scenario(self, machine: str, load: str, minutes: int) -> ScenarioPage:

@@ -117,7 +117,8 @@ def test_closing_ends_what_is_being_made_and_what_comes_later() -> None:
 @pytest.mark.slow
 def test_a_separate_process_makes_the_page(tmp_path: Path) -> None:
     reports = DayReports(two_days(tmp_path / "g.sqlite"), lambda: NOON, limit_s=3600.0)
-    page = gzip.decompress(reports(ReportRequest(DAY, "Europe/Zurich")).page).decode()
+    page = gzip.decompress(reports(ReportRequest(DAY, "Europe/Zurich", tolerance_um=7.25)).page).decode()
+    assert "7.25" in page
     assert "Mon 2026-03-02 00:55 CET to Tue 2026-03-03 00:00 CET" in page, "the first step of that day, and the last"
     nothing = gzip.decompress(reports(ReportRequest(date(2026, 3, 9), "Europe/Zurich")).page).decode()
     assert "Nothing is stored of Mon 2026-03-09" in nothing

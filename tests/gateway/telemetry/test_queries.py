@@ -132,13 +132,14 @@ ASKED: dict[str, tuple[CoursePage | ReportPage, dict[str, CourseRequest | Report
         ReportPage("2026-03-02", "Europe/Zurich", b"\x1f\x8b\x00\xff"),
         {
             "day=2026-03-02;zone=Europe/Zurich": ReportRequest(date(2026, 3, 2), "Europe/Zurich"),
-            "day=2026-03-02": ReportRequest(date(2026, 3, 2), ""),
+            "day=2026-03-02;tolerance=8": ReportRequest(date(2026, 3, 2), "", tolerance_um=8.0),
         },
         {
             "": "day = '': expected a day such as 2026-03-02",
             "day=2026-02-30": "day = '2026-02-30': expected a day",
             "day=1999-12-31": "expected one between 2000 and 2199",
             "day=2026-03-02;zone=" + "a" * 65: "zone: expected at most 64 letters",
+            "day=2026-03-02;tolerance=0": "tolerance = '0': expected µm",
             "from=2026-03-02": "from: unknown; expected one of day, zone",
         },
     ),

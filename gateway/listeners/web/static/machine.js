@@ -21,7 +21,7 @@ const showDay = (v) => {
     if ($("report-day").value !== today) $("report-day").value = today;
   }
   const chosen = $("report-day").value, zone = new Intl.DateTimeFormat().resolvedOptions().timeZone || "";
-  const there = chosen ? `/machine/${encodeURIComponent(machine)}/report/${chosen}?zone=${encodeURIComponent(zone)}&lang=${document.documentElement.lang}` : null;
+  const there = chosen ? `/machine/${encodeURIComponent(machine)}/report/${chosen}?zone=${encodeURIComponent(zone)}&lang=${document.documentElement.lang}${v.tolerance_um ? `&tolerance=${v.tolerance_um}` : ""}` : null;
   if (there === null) $("report").removeAttribute("href"); else if ($("report").getAttribute("href") !== there) $("report").setAttribute("href", there);
 };
 

@@ -16,7 +16,7 @@ class Reporting:
     """A stand-in for the session with a gateway."""
 
     def __init__(self, answer: Callable[[], bytes]) -> None:
-        self.answer, self.asked = answer, list[tuple[str, date, str, str]]()
+        self.answer, self.asked = answer, list[tuple[str, date, str, str, float | None]]()
 
     def ask(self, *_: object) -> None:
         raise AssertionError("nobody asks for a course")
@@ -29,8 +29,8 @@ class Reporting:
     def ask_reasons(self, *_: object) -> None:
         raise AssertionError("nobody asks for reasons")
 
-    def ask_report(self, machine: str, day: date, zone: str, language: str) -> ReportPage:
-        self.asked.append((machine, day, zone, language))
+    def ask_report(self, machine: str, day: date, zone: str, language: str, tolerance_um: float | None) -> ReportPage:
+        self.asked.append((machine, day, zone, language, tolerance_um))
         return ReportPage(day.isoformat(), zone, self.answer())
 
     def give(self, *_: object) -> None:
@@ -39,14 +39,16 @@ class Reporting:
 
 def test_it_is_passed_on_in_a_sandbox_that_loads_nothing() -> None:
     source = Reporting(lambda: gzip.compress(HTML))
-    answer = mill_page(source).get("/machine/mill/report/2026-03-02", params={"zone": "Europe/Zurich", "lang": "de"})
+    answer = mill_page(source).get(
+        "/machine/mill/report/2026-03-02", params={"zone": "Europe/Zurich", "lang": "de", "tolerance": "8"}
+    )
     assert (answer.status_code, answer.content) == (200, HTML)
     assert answer.headers["content-type"] == "text/html; charset=utf-8"
     policy = answer.headers["content-security-policy"].split("; ")
     assert policy[0] == "sandbox allow-scripts", "not of this page's origin"
     assert {"default-src 'none'", "form-action 'none'", "frame-ancestors 'none'"} < set(policy)
     assert "connect-src" not in answer.headers["content-security-policy"]
-    assert source.asked == [("mill", date(2026, 3, 2), "Europe/Zurich", "de")]
+    assert source.asked == [("mill", date(2026, 3, 2), "Europe/Zurich", "de", 8.0)]
 
 
 @pytest.mark.parametrize(
@@ -57,9 +59,10 @@ def test_it_is_passed_on_in_a_sandbox_that_loads_nothing() -> None:
         "/machine/a%20b/report/2026-03-02",
         "/machine/mill/report/2026-03-02?zone=Europe;day=2026-01-01",
         "/machine/mill/report/2026-03-02?zone=" + "a" * 65,
+        "/machine/mill/report/2026-03-02?tolerance=0",
     ],
 )
-def test_an_invalid_day_machine_or_zone_is_not_asked_for(address: str) -> None:
+def test_an_invalid_day_machine_zone_or_tolerance_is_not_asked_for(address: str) -> None:
     source = Reporting(lambda: gzip.compress(HTML))
     assert mill_page(source).get(address).status_code == 404
     assert source.asked == []
