@@ -22,7 +22,9 @@ from drivers.patience import LONGER
 from drivers.rests import COPIES_S
 
 _FORGOTTEN_S = 10.0
-"""No answer comes later than this, but for the last one: a server that is behind keeps it until the next request."""
+"""No answer comes later than this, but for the last ones."""
+_NOT_FORGOTTEN = 8
+"""So many: a server that is behind keeps an answer until it hears another request, however many it has not heard."""
 _NEWEST = 1 / 4
 """Weight of the newest answer in what is known of a unit's lateness."""
 _IS_LATE = 0.5
@@ -205,7 +207,7 @@ class Requests(Generic[B]):
                 one.missing(came=False)
         for request in one.open:
             request.is_old = True
-        while len(one.open) > 1 and now_s - one.open[0].sent_s > _FORGOTTEN_S:
+        while len(one.open) > _NOT_FORGOTTEN and now_s - one.open[0].sent_s > _FORGOTTEN_S:
             del one.open[0]
             one.missing(came=False)
 
