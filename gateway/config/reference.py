@@ -31,7 +31,7 @@ reopens only the buses that changed (themselves, their devices, the files of you
 channels); the others keep their period. Changes to anything that the models and the NC depend on need a restart: the
 names and order of the channels, `[machine]`, `[grid]`, `[storage]`, `[telemetry]`, `[metrics]`, `[[state]]`,
 `[[planned_load]]`, `[nc]`, `[probing]`, `[compensation]`, `[talc]`, the file of its `prior`, and `[sensor_check]`. A
-file that cannot be applied, or checked within 30 s, 10 s of processor time and 300 MB, changes nothing, and the log says
+file that cannot be applied, or checked within 30 s, 10 s of processor time and 300 MB, changes nothing; the log says
 why.
 """
 
