@@ -30,6 +30,7 @@ BROKEN: dict[str, tuple[str, Break]] = {
         "gateway.acquisition.reload:bus_changes",
         never("changed"),
     ),
+    "no_other_machine_is_probed_or_compensated": ("gateway.config.rules:_chain", always("corrected")),
     # Offsets
     "every_axis_has_its_own_bound_and_nothing_ever_steps": (
         "gateway.nc.slew:Slew.follow",

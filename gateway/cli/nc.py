@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from drivers.nc import LARGEST_HEIGHT_MM, LEAST_HEIGHT_MM
-from gateway.cli.arguments import AnyFile, ConfigPath, FiniteNumber, read_config
+from gateway.cli.arguments import AnyFile, ConfigPath, FiniteNumber, LanguageOption, read_config
 
 
 @click.group()
@@ -30,6 +30,35 @@ def dry_run(config: Path, height_mm: float, output: Path | None) -> None:
     from gateway.commissioning.dry_run import run
 
     run(read_config(config), height_mm, output)
+
+
+@nc.command("poses")
+@ConfigPath
+@click.option("--sphere-mm", "spheres_mm", type=FiniteNumber(-1e4, 1e4), nargs=3, multiple=True, metavar="X Y Z",
+              help="A sphere on the table, rotary axes at 0; may be repeated. Default: [probing].")  # fmt: skip
+@click.option("--ring-mm", type=FiniteNumber(10.0, 1000.0),
+              help="Diameter of a ring gauge in the middle of the work space.")  # fmt: skip
+@click.option("--most-s", type=FiniteNumber(30.0, 3600.0), default=180.0, show_default=True,
+              help="Longest cycle, by assumed speeds.")  # fmt: skip
+@LanguageOption
+def poses(
+    config: Path,
+    spheres_mm: tuple[tuple[float, float, float], ...],
+    ring_mm: float | None,
+    most_s: float,
+    language: str,
+) -> None:
+    """Say which errors of [machine] chain can be known, how well, and at which poses best. It touches no control.
+
+    \b
+    Errors have their names of ISO 230-1 and ISO 230-7. docs/control.md explains the report. Poses are within the travel
+    of [machine]; whether they are free of clamps and walls the dry run shows.
+    """
+    from gateway.commissioning.poses import lines
+    from gateway.model.text import Language
+
+    for line in lines(read_config(config), spheres_mm, ring_mm, most_s, Language(language)):
+        click.echo(line)
 
 
 @nc.command("sinumerik-files")

@@ -27,6 +27,7 @@ from gateway.runtime.clocks import RealClock, ServiceClock
 from gateway.storage.history import History
 from gateway.storage.store import Store, boot_id
 from talc.frame import EventKind
+from talc.kinematics import CHAIN
 
 _POLL_S = 0.2
 
@@ -156,4 +157,6 @@ def _asked(config: GatewayConfig) -> tuple[Nc, Geometry]:
     geometry = geometry_of(config)
     if geometry is None or config.nc is None or config.nc.only_read:
         raise SetupError(Text(NoticeCode.NO_PROBING_CONTROL))
+    if not config.machine.corrected:
+        raise SetupError(Text(NoticeCode.CHAIN_NOT_CORRECTED, value=config.machine.chain, corrected=CHAIN))
     return config.nc, geometry

@@ -11,6 +11,7 @@ from gateway.config.model import GatewayConfig
 from gateway.config.problems import ConfigError, Problem
 from gateway.model.codes import NoticeCode
 from gateway.model.text import Text
+from talc.kinematics import CHAIN
 
 
 def write_program(config: Path, folder: Path) -> tuple[Path, int]:
@@ -31,6 +32,8 @@ def program_of(config: GatewayConfig) -> str:
     """TALC_ERRORS.SPF. Raises SetupError for another control or route."""
     if not isinstance(config.nc, SinumerikNc):
         raise SetupError(Text(NoticeCode.NO_SINUMERIK))
+    if not config.machine.corrected:
+        raise SetupError(Text(NoticeCode.CHAIN_NOT_CORRECTED, value=config.machine.chain, corrected=CHAIN))
     settings: SinumerikSettings = config.nc.settings(config.probing.poses_deg, ())
     comp = config.compensation
     return errors_program(settings, ErrorTerms(comp.slew_um_per_s, config.probing.sphere_radius_mm, comp.bound_um))

@@ -8,7 +8,9 @@ from gateway.model.text import Text
 def unarmed(config: GatewayConfig) -> tuple[Text, ...]:
     """One text per consequence, with what would change it; empty when the gateway learns, corrects and publishes."""
     found = []
-    if config.nc is None:
+    if not config.machine.corrected:
+        found.append(Text(NoticeCode.OFF_CHAIN, chain=config.machine.chain))
+    elif config.nc is None:
         found.append(Text(NoticeCode.OFF_NO_NC))
     elif config.nc.only_read:
         found.append(Text(NoticeCode.OFF_ONLY_READ, kind=config.nc.kind))

@@ -11,6 +11,7 @@ import numpy as np
 from drivers.base import SetupError
 from drivers.modbus.inputs import addresses_as_in_manuals
 from drivers.modbus.profile import ModbusProfile
+from drivers.nc import ROTARY_AXES
 from drivers.profiles import UserProfile, is_users, user_profile
 from gateway.config.controls import Nc, SinumerikNc
 from gateway.config.extensions import asked
@@ -22,6 +23,8 @@ from gateway.config.problems import ConfigError, Problem, shown, suggestion
 from gateway.config.telemetry_rules import telemetry_cautions, telemetry_problems
 from gateway.model.codes import NoticeCode
 from gateway.model.text import Text, text_of
+from talc.chain import chain_of
+from talc.kinematics import CHAIN
 from talc.probing import check_poses
 
 _SLOPE_UM_PER_MM = 0.1
@@ -74,6 +77,7 @@ def problems_between(config: GatewayConfig) -> list[Problem]:
         *_number_of_channels(config),
         *_limits(config),
         *_asked_of_the_control(config),
+        *_chain(config),
         *_control(config),
         *_poses(config),
         *_storage(config),
@@ -298,6 +302,19 @@ def _asked_of_the_control(config: GatewayConfig) -> Iterator[Problem]:
         yield Problem("[compensation] mode", what)
 
 
+def _chain(config: GatewayConfig) -> Iterator[Problem]:
+    """Probing, offsets and every kind of control are for one chain; on another one they would be wrong."""
+    machine = config.machine
+    if machine.corrected:
+        return
+    if config.nc is not None and (axes := set(chain_of(machine.chain).rotary)) != set(ROTARY_AXES):
+        yield Problem("[nc]", Text(NoticeCode.CONTROL_OTHER_AXES, axes=sorted(axes) or "-", chain=machine.chain))
+    if config.probing.armed:
+        yield Problem("[probing] armed", Text(NoticeCode.CHAIN_NOT_CORRECTED, value="true", corrected=CHAIN))
+    if (mode := config.compensation.mode) != "monitor":
+        yield Problem("[compensation] mode", Text(NoticeCode.CHAIN_NOT_CORRECTED, value=mode, corrected=CHAIN))
+
+
 def _control(config: GatewayConfig) -> Iterator[Problem]:
     step_s = config.grid.step_s
     if config.probing.armed and config.probing.lead_s > step_s:  # nobody else asks for a cycle
@@ -324,6 +341,8 @@ def _control(config: GatewayConfig) -> Iterator[Problem]:
 def _poses(config: GatewayConfig) -> Iterator[Problem]:
     """A pose set may leave some errors undetermined: A = 0 alone finds 7 of 9."""
     probing = config.probing
+    if not config.machine.corrected:
+        return
     largest = np.abs(probing.poses_deg).max()
     if 0.0 < largest <= 2.0 * np.pi:
         yield Problem("[probing] poses_deg", Text(NoticeCode.POSES_IN_RADIANS, largest=float(largest)))

@@ -9,10 +9,56 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
 from drivers.section import FilePath, NotNegative, Positive, Section, beside_the_file, wrong
+from drivers.text import shown
 from gateway.config.fields import LARGEST_BOUND_UM, MOST_POSES, Name, ProfileName
 from gateway.model.codes import NoticeCode
 from gateway.model.text import Text
+from talc.chain import chain_of
+from talc.kinematics import CHAIN
 from talc.settings import TalcSettings
+
+_Angle = Annotated[float, Field(ge=-720, le=720)]
+"""Of a rotary axis, degrees: no pose needs more than two turns."""
+_Length = Annotated[float, Field(ge=-1e5, le=1e5)]
+
+
+def _rising(side: tuple[float, float]) -> tuple[float, float]:
+    if not side[0] < side[1]:
+        raise ValueError(Text(NoticeCode.LIMITS_REVERSED, min=side[0], max=side[1]))
+    return side
+
+
+_Side = Annotated[tuple[_Length, _Length], AfterValidator(_rising)]
+_Turn = Annotated[tuple[_Angle, _Angle], AfterValidator(_rising)]
+
+
+class LinearAxis(Section):
+    """A linear axis, for `talc-gateway nc poses`."""
+
+    travel_mm: _Side | None = None
+    """Least and largest position of the probe's tip. None: no pose is left out for it."""
+    feedback: Literal["screw", "scale"] = "screw"
+    """Where its position is measured. `screw`: by the motor, so that a warm ball screw makes a scale error. `scale`: at
+    the slide, where there is none to speak of."""
+
+
+class RotaryAxis(Section):
+    """A rotary axis, for `talc-gateway nc poses`."""
+
+    travel_deg: _Turn | None = None
+    """Least and largest angle. None: A and B turn from -90 to 90, C from 0 to 360."""
+    origin_mm: tuple[_Length, _Length, _Length] = (0.0, 0.0, 0.0)
+    """A point of the axis with all rotary axes at 0. Of the table: a position X, Y, Z at which the probe's tip is on
+    the axis. Of the head: how far the axis is from the probe's tip."""
+    sense: Literal[1, -1] = 1
+    """1: a positive angle turns table or head by the right-hand rule about the axis' direction; -1: against it."""
+
+
+def _chain(text: str) -> str:
+    try:
+        return str(chain_of(text))
+    except ValueError:
+        raise ValueError(Text(NoticeCode.CHAIN_FORM, value=shown(text))) from None
 
 
 class MachineSection(Section):
@@ -23,6 +69,27 @@ class MachineSection(Section):
     kind: Name | None = None
     """Kind of machine, the same text on machines that are built alike: `talc-gateway prior make` passes on what they
     learnt within one kind."""
+    chain: Annotated[str, AfterValidator(_chain)] = CHAIN
+    """Order of the axes from the workpiece w over the bed b to the tool t (ISO 10791-1), such as `w X' Y' b Z S t`: '
+    marks axes that move the workpiece. Only the default is probed and compensated; for any other one `nc poses` says
+    what could be known, and the gateway reads sensors."""
+    work_mm: tuple[_Side, _Side, _Side] = ((-200.0, 200.0), (-200.0, 200.0), (0.0, 200.0))
+    """X, Y, Z of the work space in the positions of the probe's tip, with all rotary axes at 0."""
+    linear: Mapping[Literal["X", "Y", "Z"], LinearAxis] = Field(default_factory=dict)
+    rotary: Mapping[Literal["A", "B", "C"], RotaryAxis] = Field(default_factory=dict)
+
+    @property
+    def corrected(self) -> bool:
+        """Whether its thermal errors can be measured and compensated: the default chain, whose axes A and C meet."""
+        plain = all(axis.sense == 1 and not any(axis.origin_mm) for axis in self.rotary.values())
+        return plain and self.chain == CHAIN
+
+    @model_validator(mode="after")
+    def _of_the_chain(self) -> "MachineSection":
+        axes = chain_of(self.chain).rotary
+        if other := [axis for axis in self.rotary if axis not in axes]:
+            raise wrong(Text(NoticeCode.AXIS_NOT_IN_CHAIN, axis=other[0], chain=self.chain), "rotary", other[0])
+        return self
 
 
 class Grid(Section):
@@ -33,8 +100,6 @@ class Grid(Section):
 
 
 DEFAULT_DATABASE = "gateway.sqlite"
-_Angle = Annotated[float, Field(ge=-720, le=720)]
-"""Of a rotary axis, degrees: no pose needs more than two turns."""
 KeptDays = Annotated[float, Field(gt=0, le=36_500)]
 
 

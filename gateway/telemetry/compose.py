@@ -64,7 +64,6 @@ from gateway.telemetry.numbers import by_error, columns_by_error, courses, finit
 from talc.explanation import Reasons
 from talc.forecast import Forecast, Misses, PlannedForecast
 from talc.frame import Decision, Event, Frame
-from talc.kinematics import CHAIN
 from talc.models import ErrorModel
 from talc.names import THERMAL_ERRORS
 from talc.sensor_check import Judgement
@@ -95,6 +94,8 @@ class GatewayState:
     """When they end, by field of the configuration."""
     planned_loads: tuple[str, ...] = ()
     """Their names."""
+    kinematics: str = ""
+    """The chain of the machine's axes."""
     sphere_mm: tuple[float, float] | None = None
     """Radius and height of the probing sphere."""
     when_stale: str | None = None
@@ -204,7 +205,7 @@ class Composer:
             certificates={name: ends.isoformat() for name, ends in state.certificates.items()},
             commands=state.commands,
             planned_loads=state.planned_loads,
-            kinematics=CHAIN,
+            kinematics=state.kinematics,
             sphere_mm=state.sphere_mm,
             when_stale=state.when_stale,
             version=self._version,

@@ -237,6 +237,7 @@ class TelemetryPublisher:
                 state.config, state.unarmed = config.fingerprint(), unarmed(config)
                 state.certificates = certificate_ends(config)  # a few small files: as the programs use them from now on
                 state.planned_loads = tuple(planned.name for planned in config.planned_loads)
+                state.kinematics = config.machine.chain
                 state.sphere_mm = config.probing.sphere_radius_mm, config.probing.sphere_height_mm
                 state.when_stale = config.compensation.when_stale
             case DecisionMade(decision):
