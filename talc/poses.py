@@ -19,6 +19,7 @@ A machine with its feedback at the slides, where one sphere tells all there is:
 (14, 0, True, True)
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -166,6 +167,20 @@ def unmodelled(
         after = before - tool @ taken[:, n]
         found.append(Unmodelled(name, float(residual[n]), _largest(before), _largest(after)))
     return found
+
+
+def expected(
+    travel: Travel, artefacts: Artefacts, poses: Sequence[Pose], *, sigma_um: float, size: float
+) -> tuple[float, float]:
+    """What a cycle is worth on a machine whose errors all have this standard deviation, µm and µm/m: RMS of the tool's
+    deviation over the work space, µm, before and after the best correction from the cycle (Gauss-Markov). What cannot
+    be known is in both."""
+    blocks, given, tool = _equations(travel, artefacts, Known(travel.machine.errors, (), (), frozenset()), poses)
+    rows, at_tool = np.vstack([blocks.reshape(-1, tool.shape[2]), given]) * size, tool.reshape(-1, tool.shape[2]) * size
+    seen = at_tool @ rows.T
+    known = np.linalg.solve(rows @ rows.T + sigma_um**2 * np.eye(len(rows)), seen.T).T
+    before = float(np.sum(at_tool**2))
+    return math.sqrt(before / len(tool)), math.sqrt((before - float(np.sum(known * seen))) / len(tool))
 
 
 def _largest(deviations: FloatArray) -> float:

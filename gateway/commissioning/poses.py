@@ -12,10 +12,10 @@ from talc.chain import LINEAR, Machine, chain_of, unit_of
 from talc.frame import FloatArray
 from talc.knowable import SHOWN_UM, Artefacts, Known, Point, Pose, Range, Travel, cheapest, known_by, with_ring
 from talc.names import THERMAL_ERRORS
-from talc.poses import FREE_SHARE, Plan, judged, plan, unmodelled
+from talc.poses import FREE_SHARE, Plan, expected, judged, plan, unmodelled
 
 _SIZE = 20.0
-"""Of an error that is not learnt, µm or µm/m."""
+"""Of a usual error, µm or µm/m."""
 _MATTERS_UM = 1.0
 
 
@@ -31,6 +31,7 @@ def travel_of(config: GatewayConfig) -> Travel:
         chain,
         {axis: _metres(of.origin_mm) for axis, of in rotary.items()},
         {axis: of.sense for axis, of in rotary.items()},
+        {axis: of.fixed_mm * 1e-3 for axis, of in section.linear.items()},
         glass_scales=frozenset(axis for axis, of in section.linear.items() if of.feedback == "scale"),
         radius_m=config.probing.sphere_radius_mm * 1e-3,
     )
@@ -54,13 +55,16 @@ def lines(
     yield said("poses.of", chain=config.machine.chain, artefacts=_stands(artefacts, said), sigma_um=sigma)
     yield from _poses(found, travel, artefacts, said)
     yield from _uncertainty(found, known, said)
+    before, after = expected(travel, artefacts, found.poses, sigma_um=sigma, size=_SIZE)
+    yield said("poses.worth", size=_SIZE, before=before, after=after)
     for direction in known.unseen:
         yield said("poses.unseen", um=SHOWN_UM, errors=_sizes(direction, said))
     if better != artefacts:
         then = plan(travel, better, then_known, sigma_um=sigma, most_s=most_s)
+        _, after = expected(travel, better, then.poses, sigma_um=sigma, size=_SIZE)
         yield said(
             "poses.cheapest", artefacts=_stands(better, said), poses=len(then.poses), s=then.seconds,
-            rms=_rms(then.tool_um), unseen=len(then_known.unseen),
+            after=after, unseen=len(then_known.unseen),
         )  # fmt: skip
     if known.alike:
         yield said("poses.alike", errors=", ".join(known.alike))

@@ -40,6 +40,8 @@ class LinearAxis(Section):
     feedback: Literal["screw", "scale"] = "screw"
     """Where its position is measured. `screw`: by the motor, so that a warm ball screw makes a scale error. `scale`: at
     the slide, where there is none to speak of."""
+    fixed_mm: _Length = 0.0
+    """Position at which a warm screw moves nothing, by the probe's tip: that of its fixed bearing."""
 
 
 class RotaryAxis(Section):

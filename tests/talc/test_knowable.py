@@ -9,7 +9,7 @@ from talc.chain import chain_of
 from talc.kinematics import CHAIN
 from talc.knowable import SHOWN_UM, Artefacts, Known, Pose, Travel, cheapest, known_by, with_ring, with_spheres
 from talc.names import THERMAL_ERRORS
-from talc.poses import FREE_SHARE, judged, plan, unmodelled
+from talc.poses import FREE_SHARE, expected, judged, plan, unmodelled
 from talc.probing import report_poses, solve
 from tests.benches.exact_chain import RADIUS_M, exact_deviation
 from tests.talc.test_chain import CHAINS, machine_of
@@ -102,6 +102,33 @@ def test_stated_uncertainties_are_the_scatter_of_noisy_cycles_and_of_the_tool(ch
         left.append(exact(point, angles)[:, None] - jacobian @ solved)
     rms = float(np.sqrt(np.mean(np.sum(np.square(left), axis=1))))
     assert rms == pytest.approx(float(np.sqrt(np.mean(found.tool_um**2))), rel=0.1), "at other points than planned for"
+
+
+@pytest.mark.parametrize(("chain", "spheres"), [(CHAINS[5], 1), (CHAINS[5], 2), (CHAINS[2], 1)])
+def test_what_a_cycle_is_worth_is_what_exact_machines_with_drawn_errors_keep(chain: str, spheres: int) -> None:
+    """By ridge regression, which is another form of the same estimate."""
+    travel, draw, size = travel_of(chain), np.random.default_rng(12), 15.0
+    machine, artefacts = travel.machine, with_spheres(travel, SPHERE, spheres)
+    poses = plan(travel, artefacts, known_by(travel, artefacts), sigma_um=1.0, most_s=120.0).poses
+    rows = np.vstack([artefacts.rows(machine, pose) for pose in poses])
+    ridge = np.linalg.inv(rows.T @ rows + np.eye(len(machine.errors)) / size**2) @ rows.T
+    origins = {axis: np.array(at) for axis, at in machine.origins_m.items()}
+    squares = np.zeros(2)
+    for _ in range(200):
+        truth = dict(zip(machine.errors, draw.normal(0.0, size, len(machine.errors)).tolist(), strict=True))
+
+        def exact(point: Any, angles_deg: Any, truth: dict[str, float] = truth) -> Any:
+            of = dict(zip(machine.chain.rotary, np.radians(angles_deg).tolist(), strict=True))
+            return exact_deviation(chain, origins, truth, np.array(point), of)
+
+        moved = {pose: exact(artefacts.spheres_m[pose.sphere], pose.angles_deg) for pose in set(poses)}
+        solved = ridge @ (np.concatenate([moved[pose] for pose in poses]) + draw.normal(0.0, 1.0, len(rows)))
+        point, angles = [draw.uniform(*side) for side in WORK], [draw.uniform(*turn) for turn in travel.turns()]
+        off = exact(point, angles)
+        kept = off - machine.jacobian(np.array(point), np.radians(angles)) @ solved
+        squares += off @ off, kept @ kept
+    before, after = expected(travel, artefacts, poses, sigma_um=1.0, size=size)
+    np.testing.assert_allclose(np.sqrt(squares / 200), [before, after], rtol=0.1)
 
 
 def test_planned_poses_are_better_than_the_usual_six_and_as_short() -> None:
