@@ -174,9 +174,11 @@ def expected(
 ) -> tuple[float, float]:
     """What a cycle is worth on a machine whose errors all have this standard deviation, µm and µm/m: RMS of the tool's
     deviation over the work space, µm, before and after the best correction from the cycle (Gauss-Markov). What cannot
-    be known is in both."""
-    blocks, given, tool = _equations(travel, artefacts, Known(travel.machine.errors, (), (), frozenset()), poses)
-    rows, at_tool = np.vstack([blocks.reshape(-1, tool.shape[2]), given]) * size, tool.reshape(-1, tool.shape[2]) * size
+    be known is in both. ER0T counts as a scale: its size is per metre of the radius."""
+    machine = travel.machine
+    sizes = np.array([size * machine.radius_m if name == "ER0T" else size for name in machine.errors])
+    blocks, given, tool = _equations(travel, artefacts, Known(machine.errors, (), (), frozenset()), poses)
+    rows, at_tool = np.vstack([blocks.reshape(-1, len(sizes)), given]) * sizes, tool.reshape(-1, len(sizes)) * sizes
     seen = at_tool @ rows.T
     known = np.linalg.solve(rows @ rows.T + sigma_um**2 * np.eye(len(rows)), seen.T).T
     before = float(np.sum(at_tool**2))

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from talc.chain import chain_of
+from talc.chain import Machine, chain_of
 from talc.kinematics import CHAIN
 from talc.knowable import SHOWN_UM, Artefacts, Known, Pose, Travel, cheapest, known_by, with_ring, with_spheres
 from talc.names import THERMAL_ERRORS
@@ -111,11 +111,12 @@ def test_what_a_cycle_is_worth_is_what_exact_machines_with_drawn_errors_keep(cha
     machine, artefacts = travel.machine, with_spheres(travel, SPHERE, spheres)
     poses = plan(travel, artefacts, known_by(travel, artefacts), sigma_um=1.0, most_s=120.0).poses
     rows = np.vstack([artefacts.rows(machine, pose) for pose in poses])
-    ridge = np.linalg.inv(rows.T @ rows + np.eye(len(machine.errors)) / size**2) @ rows.T
+    sizes = np.array([size * RADIUS_M if name == "ER0T" else size for name in machine.errors])
+    ridge = np.linalg.inv(rows.T @ rows + np.diag(1 / sizes**2)) @ rows.T
     origins = {axis: np.array(at) for axis, at in machine.origins_m.items()}
     squares = np.zeros(2)
     for _ in range(200):
-        truth = dict(zip(machine.errors, draw.normal(0.0, size, len(machine.errors)).tolist(), strict=True))
+        truth = dict(zip(machine.errors, draw.normal(0.0, sizes).tolist(), strict=True))
 
         def exact(point: Any, angles_deg: Any, truth: dict[str, float] = truth) -> Any:
             of = dict(zip(machine.chain.rotary, np.radians(angles_deg).tolist(), strict=True))
@@ -129,6 +130,18 @@ def test_what_a_cycle_is_worth_is_what_exact_machines_with_drawn_errors_keep(cha
         squares += off @ off, kept @ kept
     before, after = expected(travel, artefacts, poses, sigma_um=1.0, size=size)
     np.testing.assert_allclose(np.sqrt(squares / 200), [before, after], rtol=0.1)
+
+
+def test_spheres_on_a_three_axis_mill_are_worth_what_the_page_says() -> None:
+    machine = Machine(chain_of(CHAINS[5]), fixed_m={"X": -0.35, "Y": -0.25, "Z": 0.7}, radius_m=RADIUS_M)
+    mill, found = Travel(machine, {}, ((-0.3, 0.3), (-0.2, 0.2), (-0.2, 0.2))), []
+    two = ((-0.25, -0.15, -0.125), (0.25, 0.15, 0.125))
+    four = ((-0.3, -0.2, -0.2), (0.3, 0.2, -0.2), (0.3, -0.2, 0.2), (-0.3, 0.2, 0.2))
+    for spheres, touched in ((((0.0, 0.0, 0.0),), 2), (two, 2), (four, 4)):
+        poses = [Pose((), n % len(spheres)) for n in range(touched)]
+        before, after = expected(mill, Artefacts(spheres), poses, sigma_um=1.0, size=20.0)
+        found += [after, before]
+    assert found == pytest.approx([7.2, 49, 4.4, 49, 1.1, 49], rel=0.02)
 
 
 def test_planned_poses_are_better_than_the_usual_six_and_as_short() -> None:
