@@ -132,6 +132,21 @@ class Machine:
         touched = self._side(self.chain.workpiece, point_m, angles_rad)[2]
         return np.asarray(touched - self._side(self.chain.tool, _ORIGIN, angles_rad)[2])
 
+    @property
+    def normal(self) -> FloatArray:
+        """(3,) axis of the table: Z, if it does not turn."""
+        return np.asarray(_AXES[ROTARY.index(self.chain.table or "C")])
+
+    def upwards(self, angles_rad: FloatArray) -> FloatArray:
+        """(3,) from the tip to the spindle, in the directions of the workpiece."""
+        spindle = self._side(self.chain.tool, _ORIGIN, angles_rad)[1][:, 2]
+        return np.asarray(self._side(self.chain.workpiece, _ORIGIN, angles_rad)[1].T @ spindle)
+
+    def outwards(self, point_m: FloatArray) -> FloatArray:
+        """(3,) from the table's axis to a point, metres."""
+        out = np.asarray(point_m) - np.array(self.origins_m.get(self.chain.table, _ORIGIN))
+        return np.asarray(out - self.normal * (self.normal @ out))
+
     def jacobian(self, point_m: FloatArray, angles_rad: FloatArray) -> FloatArray:
         """(3, m) D in µm per unit of each of `errors` with the tip at a point (3,) of the workpiece.
 
@@ -161,10 +176,8 @@ class Machine:
             of[f"E{ROTARY[k]}0S"] = tilted[:, k]
         for name, about, k in _SQUARENESS:
             of[name] = -moved[k] * _crossed(_AXES[k])[:, about]
-        normal = _AXES[ROTARY.index(self.chain.table or "C")]
-        out = np.asarray(point_m) - np.array(self.origins_m.get(self.chain.table, _ORIGIN))
-        of["EZ0T"] = table @ normal
-        of["ER0T"] = table @ (out - normal * (normal @ out)) / self.radius_m
+        of["EZ0T"] = table @ self.normal
+        of["ER0T"] = table @ self.outwards(point_m) / self.radius_m
         return np.column_stack([of[name] for name in self.errors])
 
     def _side(

@@ -31,6 +31,8 @@ from talc.frame import FloatArray
 
 SHOWN_UM: Final = 10.0
 """An unseen direction is stated at the size at which it moves the tool by this at most, in the work space."""
+STEEP: Final = 0.5
+"""Cosine of the tilt of a table, 60 degrees, up to which the spindle is well above all of it."""
 RING_M: Final = 0.1
 """Diameter of a ring gauge that is proposed."""
 _NAMED_UM: Final = 0.1
@@ -60,6 +62,14 @@ class Travel:
         there = self.machine.linear(np.asarray(point_m), np.radians(angles_deg))
         limits = [self.axes.get(axis, (-math.inf, math.inf)) for axis in LINEAR]
         return all(low - 1e-9 <= at <= high + 1e-9 for at, (low, high) in zip(there, limits, strict=True))
+
+    def free(self, point_m: Point, angles_deg: Sequence[float]) -> bool:
+        """Whether a spindle over this point of the table is beside the table or well above it: beyond STEEP only over
+        its upper half, where the spindle is further out than the point."""
+        up, normal = self.machine.upwards(np.radians(angles_deg)), self.machine.normal
+        out = self.machine.outwards(np.asarray(point_m))
+        above = float(up @ normal)
+        return above > STEEP or (above > -1e-9 and float(up @ out) > -1e-9)
 
     def turns(self) -> list[Range]:
         """Travel of the rotary axes in alphabetical order, degrees."""
@@ -101,13 +111,14 @@ class Artefacts:
     """Known lengths, which do not grow with the table: middle, along which axis, how long. A ring gauge has two."""
 
     def poses(self, travel: Travel) -> list[Pose]:
-        """All that are tried: a grid over the travel of the rotary axes."""
+        """All that are tried: a grid over the travel of the rotary axes, as far as the spindle is free of the table."""
         grids = [np.arange(low, high + 1e-9, _STEPS_DEG[high - low > 180]) for low, high in travel.turns()]
         grids = [
             grid[grid < low + 360 - 1e-9] for grid, (low, _) in zip(grids, travel.turns(), strict=True)
         ]  # once around is where it began
         every = itertools.product(range(len(self.spheres_m)), *(grid.tolist() for grid in grids))
-        return [Pose(tuple(at), n) for n, *at in every if travel.reached(self.spheres_m[n], at)]
+        sphere = self.spheres_m
+        return [Pose(tuple(at), n) for n, *at in every if travel.free(sphere[n], at) and travel.reached(sphere[n], at)]
 
     def rows(self, machine: Machine, pose: Pose) -> FloatArray:
         """(3, m) movement of the sphere's centre at a pose per unit of each error."""

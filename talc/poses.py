@@ -14,7 +14,7 @@ A machine with its feedback at the slides, where one sphere tells all there is:
 >>> travel = Travel(machine, {"A": (-90, 90)}, ((-0.2, 0.2), (-0.2, 0.2), (0, 0.2)))
 >>> sphere = Artefacts(((0.2, 0.0, 0.08),))
 >>> known = known_by(travel, sphere)
->>> found = plan(travel, sphere, known, sigma_um=1.0, most_s=150.0)
+>>> found = plan(travel, sphere, known, sigma_um=1.0, most_s=150.0, most=20)
 >>> len(known.estimated), len(known.unseen), len(found.poses) > 6, bool(found.sigma.max() < 10)
 (14, 0, True, True)
 """
@@ -55,15 +55,15 @@ class Plan:
     """Least share of a wrong coordinate that its residual shows."""
 
 
-def plan(travel: Travel, artefacts: Artefacts, known: Known, *, sigma_um: float, most_s: float) -> Plan:
-    """The best poses that take no longer than `most_s`, in the order in which they are reached soonest.
+def plan(travel: Travel, artefacts: Artefacts, known: Known, *, sigma_um: float, most_s: float, most: int) -> Plan:
+    """The best poses, `most` of them and `most_s` at most, in the order in which they are reached soonest.
 
     sigma_um: standard uncertainty of one coordinate of a centre, and of a known length. Raises ValueError: no pose can
     be touched in this time.
     """
     sets = _Sets(travel, artefacts, known, most_s)
     best: list[int] = []
-    while (found := sets.first(sets.scores(best, checked=False), best)) is not None:
+    while len(best) < most and (found := sets.first(sets.scores(best, checked=False), best)) is not None:
         best.append(found)
     if not best:
         raise ValueError(f"no pose can be reached and touched within {most_s:g} s")

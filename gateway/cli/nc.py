@@ -7,6 +7,7 @@ import click
 
 from drivers.nc import LARGEST_HEIGHT_MM, LEAST_HEIGHT_MM
 from gateway.cli.arguments import AnyFile, ConfigPath, FiniteNumber, LanguageOption, read_config
+from gateway.config.fields import MOST_POSES
 
 
 @click.group()
@@ -40,24 +41,27 @@ def dry_run(config: Path, height_mm: float, output: Path | None) -> None:
               help="Diameter of a ring gauge in the middle of the work space.")  # fmt: skip
 @click.option("--most-s", type=FiniteNumber(30.0, 3600.0), default=180.0, show_default=True,
               help="Longest cycle, by assumed speeds.")  # fmt: skip
+@click.option("--most-poses", type=click.IntRange(1, MOST_POSES),
+              help="Poses at most. Default: as many as poses_deg has; of a chain that is not probed, any.")  # fmt: skip
 @LanguageOption
 def poses(
     config: Path,
     spheres_mm: tuple[tuple[float, float, float], ...],
     ring_mm: float | None,
     most_s: float,
+    most_poses: int | None,
     language: str,
 ) -> None:
     """Say which errors of [machine] chain can be known, how well, and at which poses best. It touches no control.
 
     \b
     Errors have their names of ISO 230-1 and ISO 230-7. docs/control.md explains the report. Poses are within the travel
-    of [machine]; whether they are free of clamps and walls the dry run shows.
+    of [machine]. Whether they are free of spindle, clamps and walls, the dry run shows.
     """
     from gateway.commissioning.poses import lines
     from gateway.model.text import Language
 
-    for line in lines(read_config(config), spheres_mm, ring_mm, most_s, Language(language)):
+    for line in lines(read_config(config), spheres_mm, ring_mm, most_s, most_poses, Language(language)):
         click.echo(line)
 
 

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from drivers.base import SetupError
+from gateway.config.fields import MOST_POSES
 from gateway.config.model import GatewayConfig
 from gateway.model.codes import NoticeCode
 from gateway.model.text import Language, Text
@@ -39,16 +40,25 @@ def travel_of(config: GatewayConfig) -> Travel:
 
 
 def lines(
-    config: GatewayConfig, spheres_mm: Sequence[Point], ring_mm: float | None, most_s: float, said: Language
+    config: GatewayConfig,
+    spheres_mm: Sequence[Point],
+    ring_mm: float | None,
+    most_s: float,
+    most_poses: int | None,
+    said: Language,
 ) -> Iterator[str]:
-    """The report, line by line. spheres_mm: none: that of [probing]. Raises SetupError: nothing can be reached."""
+    """The report, line by line. Raises SetupError: nothing can be reached.
+
+    spheres_mm: none: that of [probing]. most_poses: None: as many as [probing] has, of a machine that is probed
+    """
     travel, sigma = travel_of(config), config.probing.sigma_um
+    most = most_poses or (len(config.probing.poses_deg) if config.machine.corrected else MOST_POSES)
     artefacts = Artefacts(tuple(map(_metres, spheres_mm)) or (_sphere(config, travel.machine),))
     if ring_mm is not None:
         artefacts = with_ring(travel, artefacts, ring_mm * 1e-3)
     try:
         known = known_by(travel, artefacts)
-        found = plan(travel, artefacts, known, sigma_um=sigma, most_s=most_s)
+        found = plan(travel, artefacts, known, sigma_um=sigma, most_s=most_s, most=most)
         better, then_known = cheapest(travel, artefacts) if known.unseen else (artefacts, known)
     except ValueError as error:
         raise SetupError(Text(NoticeCode.NOTHING_REACHED, why=str(error))) from error
@@ -60,7 +70,7 @@ def lines(
     for direction in known.unseen:
         yield said("poses.unseen", um=SHOWN_UM, errors=_sizes(direction, said))
     if better != artefacts:
-        then = plan(travel, better, then_known, sigma_um=sigma, most_s=most_s)
+        then = plan(travel, better, then_known, sigma_um=sigma, most_s=most_s, most=most)
         _, after = expected(travel, better, then.poses, sigma_um=sigma, size=_SIZE)
         yield said(
             "poses.cheapest", artefacts=_stands(better, said), poses=len(then.poses), s=then.seconds,
@@ -69,7 +79,7 @@ def lines(
     if known.alike:
         yield said("poses.alike", errors=", ".join(known.alike))
     if config.machine.corrected and not spheres_mm and ring_mm is None:
-        yield from _learnt(config, travel, artefacts, sigma, said)
+        yield from _learnt(config, travel, artefacts, found, said)
 
 
 def _poses(found: Plan, travel: Travel, artefacts: Artefacts, said: Language) -> Iterator[str]:
@@ -97,19 +107,23 @@ def _uncertainty(found: Plan, known: Known, said: Language) -> Iterator[str]:
 
 
 def _learnt(
-    config: GatewayConfig, travel: Travel, artefacts: Artefacts, sigma_um: float, said: Language
+    config: GatewayConfig, travel: Travel, artefacts: Artefacts, planned: Plan, said: Language
 ) -> Iterator[str]:
-    """What the cycle of the configuration makes of the errors that the gateway learns, and of others."""
-    poses = [Pose((a, c), 0) for a, c in config.probing.poses_deg]
+    """What the nine errors that the gateway learns make of others, with the configured poses and the planned ones."""
     nine = Known(THERMAL_ERRORS, (), (), frozenset())
-    found = judged(travel, artefacts, nine, poses, sigma_um)
-    yield said("poses.learnt", rms=_rms(found.tool_um), most=float(found.tool_um.max()), s=found.seconds)
-    for other in unmodelled(travel, artefacts, nine, poses, _SIZE):
-        if other.after_um > _MATTERS_UM:
-            size = f"{other.error} {_SIZE:g} {unit_of(other.error)}"
-            yield said(
-                "poses.other", error=size, before=other.before_um, after=other.after_um, residual=other.residual_um
-            )
+    yield said("poses.learnt", size=_SIZE)
+    for key, poses in (
+        ("poses.with_yours", tuple(Pose((a, c), 0) for a, c in config.probing.poses_deg)),
+        ("poses.with_planned", planned.poses),
+    ):
+        found = judged(travel, artefacts, nine, poses, config.probing.sigma_um)
+        yield said(key, rms=_rms(found.tool_um), most=float(found.tool_um.max()), s=found.seconds)
+        for other in unmodelled(travel, artefacts, nine, poses, _SIZE):
+            if other.after_um > _MATTERS_UM:
+                yield said(
+                    "poses.other", error=other.error, before=other.before_um, after=other.after_um,
+                    residual=other.residual_um,
+                )  # fmt: skip
 
 
 def _sphere(config: GatewayConfig, machine: Machine) -> Point:

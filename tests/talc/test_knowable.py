@@ -78,7 +78,7 @@ def test_stated_uncertainties_are_the_scatter_of_noisy_cycles_and_of_the_tool(ch
     artefacts = with_ring(travel, artefacts, 0.3)
     known = known_by(travel, artefacts)
     assert known.unseen == ()
-    found = plan(travel, artefacts, known, sigma_um=0.8, most_s=200.0)
+    found = plan(travel, artefacts, known, sigma_um=0.8, most_s=200.0, most=30)
     truth = {name: float(draw.uniform(-15, 15)) for name in machine.errors}
     origins = {axis: np.array(at) for axis, at in machine.origins_m.items()}
 
@@ -109,7 +109,7 @@ def test_what_a_cycle_is_worth_is_what_exact_machines_with_drawn_errors_keep(cha
     """By ridge regression, which is another form of the same estimate."""
     travel, draw, size = travel_of(chain), np.random.default_rng(12), 15.0
     machine, artefacts = travel.machine, with_spheres(travel, SPHERE, spheres)
-    poses = plan(travel, artefacts, known_by(travel, artefacts), sigma_um=1.0, most_s=120.0).poses
+    poses = plan(travel, artefacts, known_by(travel, artefacts), sigma_um=1.0, most_s=120.0, most=30).poses
     rows = np.vstack([artefacts.rows(machine, pose) for pose in poses])
     sizes = np.array([size * RADIUS_M if name == "ER0T" else size for name in machine.errors])
     ridge = np.linalg.inv(rows.T @ rows + np.diag(1 / sizes**2)) @ rows.T
@@ -147,11 +147,20 @@ def test_spheres_on_a_three_axis_mill_are_worth_what_the_page_says() -> None:
 def test_planned_poses_are_better_than_the_usual_six_and_as_short() -> None:
     travel = travel_of(CHAIN.replace("-", " "), origins_m={})
     usual = judged(travel, SPHERE, NINE, SIX, 1.0)
-    planned = plan(travel, SPHERE, NINE, sigma_um=1.0, most_s=usual.seconds)
+    planned = plan(travel, SPHERE, NINE, sigma_um=1.0, most_s=usual.seconds, most=30)
     assert planned.seconds <= usual.seconds
     assert np.square(planned.tool_um).mean() < 0.8 * np.square(usual.tool_um).mean()
     assert planned.tool_um.max() < 0.8 * usual.tool_um.max()
     assert planned.free_share > FREE_SHARE
+    of_all = plan(travel, SPHERE, known_by(travel, SPHERE), sigma_um=1.0, most_s=usual.seconds, most=6).poses
+    assert len(of_all) == 6
+    assert judged(travel, SPHERE, NINE, of_all, 1.0).tool_um.max() < 0.85 * usual.tool_um.max()
+    leaning, shown = (
+        next(other.residual_um for other in unmodelled(travel, SPHERE, NINE, poses, 20.0) if other.error == "EB0A")
+        for poses in (SIX, of_all)
+    )
+    assert shown > 3 * leaning, "planned for all errors they show those that are not solved for"
+    assert {(-90.0, 90.0), (90.0, 270.0)}.isdisjoint(pose.angles_deg for pose in SPHERE.poses(travel)), "upside down"
     report = report_poses(np.radians([pose.angles_deg for pose in SIX]), RADIUS_M, 0.08, 1.0)
     np.testing.assert_allclose(usual.sigma, report.sigma, rtol=1e-9)
 
@@ -190,5 +199,5 @@ def test_a_travel_leaves_out_poses_and_what_is_out_of_reach_is_named() -> None:
         known_by(Travel(machine_of(CHAINS[0]), {"Z": (5.0, 6.0)}, WORK), SPHERE)
     known = known_by(short, SPHERE)
     with pytest.raises(ValueError, match="25 s"):
-        plan(short, SPHERE, known, sigma_um=1.0, most_s=25.0)
+        plan(short, SPHERE, known, sigma_um=1.0, most_s=25.0, most=30)
     assert chain_of(str(short.machine.chain)) == short.machine.chain

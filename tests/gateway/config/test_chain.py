@@ -1,5 +1,7 @@
 """`[machine] chain`: what `check` refuses on a machine that is not compensated, and what `nc poses` says of it."""
 
+import json
+import re
 from pathlib import Path
 
 import pytest
@@ -112,16 +114,25 @@ def test_a_three_axis_mill_learns_what_one_sphere_cannot_tell(tmp_path: Path) ->
     assert "120 0 80" in lost.output, "the sphere of [probing], which the travel does not reach"
 
 
+def planned(done: Result) -> list[list[float]]:
+    found = re.search(r"= (\[\[.*\]\])", done.output)
+    assert found is not None, done.output
+    poses: list[list[float]] = json.loads(found[1])
+    return poses
+
+
 def test_five_axes_get_poses_and_what_six_of_them_make_of_others(tmp_path: Path) -> None:
     limited = '[machine.linear]\nX = { feedback = "scale" }\nY = { feedback = "scale" }\nZ = { feedback = "scale" }'
     limited += "\n[machine.rotary]\nA = { travel_deg = [-30, 30] }"
     done = nc(tmp_path, machine(limited), "poses", "--language", "en")
     assert done.exit_code == 0, done.output
     assert "CANNOT BE KNOWN" not in done.output
-    angles = [float(a.strip(" [")) for a in done.output.split("= [[")[1].split("]]")[0].replace("], [", "|").replace(
-        "]", "").split("|") for a in a.split(",")[:1]]  # fmt: skip
-    assert len(angles) >= 8
-    assert max(map(abs, angles)) <= 30
-    (leaning,) = (line for line in done.output.splitlines() if line.lstrip().startswith("EB0A 20"))
-    assert "0.38" in leaning, "its residual with the poses of [probing], lost in noise of 1 µm"
+    poses = planned(done)
+    assert len(poses) == 6, "as many as the programs on a control have room for"
+    assert max(abs(a) for a, _ in poses) <= 30
+    residuals = [float(line.rsplit(" ", 2)[1]) for line in done.output.splitlines() if line.startswith("  EB0A")]
+    assert residuals[0] == 0.38, "with the poses of [probing] it is lost in noise of 1 µm"
+    pasted = machine(f"{limited}\n[probing]\nposes_deg = {poses}")
+    again = nc(tmp_path, pasted, "poses", "--language", "en", "--most-poses", "9")
+    assert 6 < len(planned(again)) <= 9
     assert load(tmp_path / "gateway.toml").machine.corrected
