@@ -11,8 +11,8 @@ import pytest
 
 FIRST = "0..29"
 KEPT = "93,20029,41035,100439"
-"""Wrong once: a line that is one answer behind, read each half minute, showed other registers (twice); a power cut after the
-clock was set by hand, and one while it was ahead, made what was learnt younger than it was."""
+"""Wrong once: a line that is one answer behind, read each half minute, showed other registers (twice); a power cut
+after the clock was set by hand, and one while it was ahead, made what was learnt younger than it was."""
 
 
 @pytest.mark.slow
