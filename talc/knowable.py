@@ -112,12 +112,7 @@ class Artefacts:
 
     def poses(self, travel: Travel) -> list[Pose]:
         """All that are tried: a grid over the travel of the rotary axes, as far as the spindle is free of the table."""
-        grids = [np.arange(low, high + 1e-9, _STEPS_DEG[high - low > 180]) for low, high in travel.turns()]
-        grids = [
-            grid[grid < low + 360 - 1e-9] for grid, (low, _) in zip(grids, travel.turns(), strict=True)
-        ]  # once around is where it began
-        every = itertools.product(range(len(self.spheres_m)), *(grid.tolist() for grid in grids))
-        sphere = self.spheres_m
+        every, sphere = itertools.product(range(len(self.spheres_m)), *map(_grid, travel.turns())), self.spheres_m
         return [Pose(tuple(at), n) for n, *at in every if travel.free(sphere[n], at) and travel.reached(sphere[n], at)]
 
     def rows(self, machine: Machine, pose: Pose) -> FloatArray:
@@ -180,6 +175,14 @@ def known_by(travel: Travel, artefacts: Artefacts) -> Known:
         tuple(unseen),
         frozenset(combined & set(names)),
     )
+
+
+def _grid(turn: Range) -> list[float]:
+    """Round angles within a travel, and its ends; once around is where it began."""
+    low, high = turn
+    step = _STEPS_DEG[high - low > 180]
+    between = (step * n for n in range(math.floor(low / step) + 1, math.ceil(high / step)))
+    return [angle for angle in (low, *between, high) if angle < low + 360]
 
 
 def _independent(matrix: FloatArray, columns: Sequence[int]) -> list[int]:

@@ -190,8 +190,9 @@ def test_an_axis_that_leans_is_not_seen_by_nine_errors_and_made_worse() -> None:
 
 
 def test_a_travel_leaves_out_poses_and_what_is_out_of_reach_is_named() -> None:
-    short = Travel(machine_of(CHAINS[0]), {"A": (-30.0, 30.0), "Z": (0.0, 0.25)}, WORK)
-    assert {abs(pose.angles_deg[0]) <= 30 for pose in SPHERE.poses(short)} == {True}
+    short = Travel(machine_of(CHAINS[0]), {"A": (-40.0, 20.0), "Z": (0.0, 0.25)}, WORK)
+    assert {pose.angles_deg[0] for pose in SPHERE.poses(short)} == {-40, -30, -15, 0, 15, 20}, "round, and the ends"
+    assert {pose.angles_deg[1] for pose in SPHERE.poses(short)} == {*range(0, 360, 30)}
     assert all(short.reached(SPHERE.spheres_m[0], pose.angles_deg) for pose in SPHERE.poses(short))
     with pytest.raises(ValueError, match="200 0 900"):
         known_by(short, Artefacts(((0.2, 0.0, 0.9),)))

@@ -115,6 +115,16 @@ async def test_the_status_names_the_planned_loads_of_the_configuration_in_use(tm
     assert (before, after) == (["warm-up", "roughing"], ["roughing"])
 
 
+async def test_the_status_has_the_chain_of_the_machine() -> None:
+    port = free_port()
+    mill = configuration("mill")
+    machine = mill.machine.model_copy(update={"chain": "w-X'-Y'-b-Z-S-t"})
+    async with telemetry(port) as t:
+        t.publish(ConfigurationApplied(mill.model_copy(update={"machine": machine})))
+        t.publish(EventReported(Event(EventKind.PROBLEM, "after it"), 7))
+        assert last_values(port)["talc/mill/status"]["kinematics"] == "w-X'-Y'-b-Z-S-t"
+
+
 async def test_a_reading_is_published_with_its_age_whatever_its_time_of_day() -> None:
     port, clock = free_port(), SteppedClock()
     clock.spend(10.0)
