@@ -94,9 +94,13 @@ def _poses(found: Plan, travel: Travel, artefacts: Artefacts, said: Language) ->
 
 
 def _uncertainty(found: Plan, known: Known, said: Language) -> Iterator[str]:
+    sigmas = dict(zip(known.estimated, found.sigma.tolist(), strict=True))
+    if missed := [name for name, sigma in sigmas.items() if sigma == np.inf]:
+        yield said("poses.missed", errors=", ".join(missed))
+        return
     each = (
         f"{name} {said.number(sigma, '.2g')} {unit_of(name)}{'*' if name in known.combined else ''}"
-        for name, sigma in zip(known.estimated, found.sigma, strict=True)
+        for name, sigma in sigmas.items()
     )
     yield said("poses.sigma", errors=", ".join(each))
     yield said("poses.tool", rms=_rms(found.tool_um), most=float(found.tool_um.max()))
@@ -117,6 +121,8 @@ def _learnt(
         ("poses.with_planned", planned.poses),
     ):
         found = judged(travel, artefacts, nine, poses, config.probing.sigma_um)
+        if np.isinf(found.tool_um).any():
+            continue  # so few poses do not find them
         yield said(key, rms=_rms(found.tool_um), most=float(found.tool_um.max()), s=found.seconds)
         for other in unmodelled(travel, artefacts, nine, poses, _SIZE):
             if other.after_um > _MATTERS_UM:

@@ -135,4 +135,7 @@ def test_five_axes_get_poses_and_what_six_of_them_make_of_others(tmp_path: Path)
     pasted = machine(f"{limited}\n[probing]\nposes_deg = {poses}")
     again = nc(tmp_path, pasted, "poses", "--language", "en", "--most-poses", "9")
     assert 6 < len(planned(again)) <= 9
+    few = nc(tmp_path, pasted, "poses", "--language", "en", "--most-poses", "2")
+    assert len(planned(few)) == 2
+    assert "do not separate EY0A" in few.output
     assert load(tmp_path / "gateway.toml").machine.corrected
