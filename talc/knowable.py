@@ -112,8 +112,12 @@ class Artefacts:
 
     def poses(self, travel: Travel) -> list[Pose]:
         """All that are tried: a grid over the travel of the rotary axes, as far as the spindle is free of the table."""
-        every, sphere = itertools.product(range(len(self.spheres_m)), *map(_grid, travel.turns())), self.spheres_m
-        return [Pose(tuple(at), n) for n, *at in every if travel.free(sphere[n], at) and travel.reached(sphere[n], at)]
+        return [
+            Pose(at, n)
+            for n, centre in enumerate(self.spheres_m)
+            for at in itertools.product(*map(_grid, travel.turns()))
+            if travel.free(centre, at) and travel.reached(centre, at)
+        ]
 
     def rows(self, machine: Machine, pose: Pose) -> FloatArray:
         """(3, m) movement of the sphere's centre at a pose per unit of each error."""
