@@ -53,7 +53,8 @@ def continued(learnt: Learnt, config: GatewayConfig, *, of_record: bool = False)
     state = transferred(learnt.state, controller_of(config).state())
     if of_record and (was := learnt.state.course) is not None and isinstance(state.strategy, CourseState):
         same = replace(state.strategy, last_k=was.last_k, last_measured=was.last_measured, wanted=was.wanted)
-        state = replace(state, strategy=same)
+        unchanged = tuple(learnt.state.input_names) == tuple(config.input_names)
+        state = replace(state, strategy=was if unchanged else same)
     prior = None if config.prior is None else config.prior.prior
     return Controller.restore(state, config.talc, config.grid.step_s, prior)
 
