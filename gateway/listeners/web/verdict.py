@@ -93,9 +93,8 @@ def judged(seen: MachineSeen, viewpoint: Viewpoint, now_s: float) -> Verdict:
         decided = datetime.fromisoformat(seen.decision.time)
         return Verdict(Colour.AWAY, "word.old", (Sentence("because.old", {"at": at(decided)}),), decided)
     if seen.probing is not None and seen.probing.standing == Standing.ASKED:
-        return Verdict(
-            Colour.GREY, "word.probing", (Sentence("because.probing", {"lasts": cycle_takes(seen, "lasts.of_late")}),)
-        )
+        lasts = Sentence("because.probing", {"lasts": cycle_takes(seen, "lasts.of_late")})
+        return Verdict(Colour.GREY, "word.probing", (lasts,), seen.probing_since)
     error = tool.error
     if seen.decision.phase == Phase.NO_GOOD:
         return Verdict(Colour.RED, "word.not_ready", (Sentence("because.no_good"),))

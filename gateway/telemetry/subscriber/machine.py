@@ -170,6 +170,8 @@ class MachineSeen:
     compensation: CompensationMessage | None = None
     status: StatusMessage | None = None
     probing: ProbingStanding | None = None
+    probing_since: datetime | None = None
+    """When the measurement began to stand so; None: not heard."""
     reasons: ReasonsMessage | None = None
     forecast: ForecastMessage | None = None
     sensors: SensorsMessage | None = None
@@ -255,10 +257,15 @@ class MachineSeen:
         self._away = self._anew = self.boot != ""
         self.boot, self.latest, self._newest = boot, None, -1
         self.frame, self.decision, self.compensation = None, None, None
-        self.status, self.probing = None, None
+        self.status, self.probing, self.probing_since = None, None, None
         self.reasons, self.forecast, self.sensors = None, None, None
         self.readings.clear()
         self._sequence.clear()
+
+    def _stands(self, probing: ProbingStanding, at: datetime | None) -> None:
+        if self.probing is None or self.probing.standing != probing.standing or self.probing_since is None:
+            self.probing_since = at
+        self.probing = probing
 
     def _take(self, message: Published, at: datetime) -> None:  # noqa: C901 - one arm for each kind of message
         match message:
@@ -271,7 +278,7 @@ class MachineSeen:
             case MeasurementMessage():
                 self._measured(message)
             case ProbingMessage():
-                self.probing = msgspec.convert(message, ProbingStanding, from_attributes=True)
+                self._stands(msgspec.convert(message, ProbingStanding, from_attributes=True), at)
             case ReasonsMessage():
                 self.reasons = message
                 self._explain(message)
@@ -282,7 +289,8 @@ class MachineSeen:
                 self.past += 1
             case StatusMessage():
                 self.status = message
-                self.probing = self.probing if message.probing is None else message.probing
+                if message.probing is not None:
+                    self._stands(message.probing, None)
             case EventMessage():
                 if not self.events or (self.events[-1].boot, self.events[-1].seq) != (message.boot, message.seq):
                     self.events.append(message)

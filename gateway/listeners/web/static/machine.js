@@ -5,7 +5,7 @@ import { keepSphere, machine, point, sphere } from "./choice.js";
 import { showDay as showLastDay } from "./day.js";
 import { $, changed, draw, make, paint, put, rows, say } from "./elements.js";
 import { showModel } from "./model.js";
-import { hear } from "./past.js";
+import { hear, stateUnit } from "./past.js";
 import { showSensors } from "./sensors.js";
 import { clock, exact, lasted, present, recent, sentence, setToday, weekday, whole, word } from "./words.js";
 import { openProblems } from "./tables.js";
@@ -43,7 +43,7 @@ export const readyDay = (latest) => $("report-day").addEventListener("change", (
 // A reason of more letters than this is written smaller.
 const LONG = 85, LONG_WORD = 12;
 // Of what it waits for, what somebody does or waits for next.
-const NEXT = ["label.first", "label.waits_for", "label.operator", "label.next"];
+const NEXT = ["label.unarmed", "label.first", "label.waits_for", "label.operator", "label.next"];
 // What it costs to wait for the next measurement.
 const PRICE = ["label.waiting"];
 // When it will be ready, and what helps most: to be read from two metres.
@@ -85,7 +85,7 @@ export const showMachine = (v) => {
   const open = openProblems(), wrong = verdict.failed ? sentence(verdict.failed) : v.alive && open ? word("events.open").replace("{n}", open) : "";
   showWord(verdict, wrong);
   $("failed").classList.toggle("none", !wrong);
-  put($("failed"), wrong || (v.alive && verdict.colour === "green" ? word(v.notices.length ? "events.no_open" : "events.nothing") : ""));
+  put($("failed"), wrong || (v.alive && verdict.colour === "green" ? word(v.notices.length || v.unarmed ? "events.no_open" : "events.nothing") : ""));
   const heard = v.heard ? [make("span", word("page.heard").replace("{at}", exact.format(new Date(v.heard))))] : [];
   if (!v.alive && !simulated && v.heard) heard.push(make("span", " · " + word("page.now").replace("{at}", clock.format(present()))));
   if (simulated) heard.unshift(make("b", word("page.simulated").replace("{at}", weekday.format(simulated))));
@@ -101,7 +101,8 @@ export const showMachine = (v) => {
   const next = v.alive ? v.waits.filter((row) => NEXT.includes(row.label)) : [];
   draw("todo", verdict.because, () => verdict.because.filter((each) => each.say.startsWith("do.")).map((each, i) => make("p", sentence(each), i ? "" : "afar")));
   const look = verdict.failed?.values.first ? [{ ...verdict.failed, say: "do.look" }] : [];
-  put($("most"), v.alive ? eachMoved() : "");
+  const moved = v.alive ? eachMoved(v.tolerance_um) : "";
+  for (const place of document.querySelectorAll(".each-moved")) put(place, moved);
   draw("helps", [v.notices, look, verdict.helps, next, most], () => {
     const said = (far) => verdict.helps.filter((help) => AFAR.test(help.say) === far).map((help) => make("p", sentence(help), far ? "afar" : undefined));
     return [orders([...v.notices, ...look]), ...said(true), ...(most ? [make("p", most, "from-where")] : []), list(next), ...said(false)];
@@ -110,7 +111,7 @@ export const showMachine = (v) => {
   keepTolerance(v.tolerance_um);
   keepSphere(v.sphere_mm);
   showModel(v, sphere(), point().slice(3), v.alive);
-  const inputs = [...v.channels, ...Object.entries(v.inputs).map(([channel, n]) => ({ channel, good: n !== null, value: n === null ? null : { n, u: "" } }))];
+  const inputs = [...v.channels, ...Object.entries(v.inputs).map(([channel, n]) => ({ channel, good: n !== null, value: n === null ? null : { n, u: stateUnit(channel) } }))];
   if (v.alive && v.gateway_time) hear(inputs, Date.parse(v.gateway_time) / 1e3);
   showSeries(inputs);
   showLastDay(v);

@@ -23,6 +23,8 @@ export const hear = (channels, t) => {
     if (own.t.length > MOST) { own.t.shift(); own.v.shift(); }
   }
 };
+// A speed has the same unit from every control; of another machine state none is told.
+export const stateUnit = (state) => state === "spindle_speed" || /^speed_[ABC]$/.test(state) ? "1/min" : /^speed_[XYZ]$/.test(state) ? "mm/min" : "";
 export const unit = (channel) => heard.get(channel)?.u ?? "";
 // Stored temperatures, and then what was heard. stored: with temperatures; null: nothing is
 export const trend = (channel, stored) => {

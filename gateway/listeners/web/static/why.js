@@ -136,15 +136,15 @@ export const mostMoved = (tolerance) => {
   const values = { since: beyondSince(worst.name, tolerance), axis: worst.name, total: said(worst.total, "µm"), what: first.key, by: said(first.n), rest: said(worst.total - first.n, "µm") };
   return word("moves.most_said").replace(/\{(\w+)\}/g, (_, name) => values[name]);
 };
-// Each axis now, with what moves it most, in one sentence; empty: not known.
-export const eachMoved = () => {
+// Each axis now, with what moves it most, and since when one is out of tolerance, in one sentence; empty: not known.
+export const eachMoved = (tolerance) => {
   const rows = AXES.map((_, i) => axisRow(errorsNow(latest), i)), said = (n) => amount({ n, d: 1, sign: true });
   reasonsAt = latest.reasons;
   const moved = ({ name, total, parts }) => {
     const [most] = [...parts].sort((a, b) => Math.abs(b.n) - Math.abs(a.n)), what = most && (OWN.includes(most.key) ? named(most.key) : most.key.replaceAll(" ", "\u00a0"));
     return `${name}\u00a0${said(total)}${most ? ` (${what}\u00a0${said(most.n)})` : ""}`;
   };
-  return rows.some((row) => row.parts.length) ? word("moves.each").replace("{axes}", () => rows.map(moved).join(", ")) : "";
+  return rows.some((row) => row.parts.length) ? word("moves.each").replace("{since}", beyondSince(worstOf(rows).name, tolerance)).replace("{axes}", () => rows.map(moved).join(", ")) : "";
 };
 // A label that has no room in its bar is not there.
 const fitLabels = () => { for (const label of document.querySelectorAll(".stack .share b")) label.classList.toggle("spare", label.offsetWidth > label.parentNode.clientWidth); };

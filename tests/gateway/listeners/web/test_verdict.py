@@ -188,7 +188,11 @@ def test_while_the_control_probes_it_is_not_ready() -> None:
     heard.compensation()
     heard.decision()
     heard.probing("asked")
-    assert verdict_of(heard.seen, within(10.0), heard.now_s).word == "word.probing"
+    began = heard.seen.latest
+    heard.passes(timedelta(minutes=2))
+    heard.status()
+    verdict = verdict_of(heard.seen, within(10.0), heard.now_s)
+    assert (verdict.word, verdict.since) == ("word.probing", began)
     heard.probing("not_wanted", None)
     assert verdict_of(heard.seen, within(10.0), heard.now_s).colour is Colour.GREEN
 
