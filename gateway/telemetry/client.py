@@ -368,7 +368,9 @@ class Machine:
         if self._name is not None and self._name in alive:
             return self._name
         if not alive:
-            raise MachineError(f"no gateway runs under {self._prefix}, the [telemetry] prefix of its configuration")
+            raise MachineError(
+                f"no gateway runs under {self._prefix} (its [telemetry] prefix), or its readers do not name you"
+            )
         running = f"running: {', '.join(alive)}"
         if self._name is not None:
             raise MachineError(f"no gateway of machine {self._name} runs under {self._prefix}; {running}")
