@@ -58,6 +58,9 @@ def test_each_part_shows_live_data(settings: Path) -> None:
                     expect(page.locator("#word")).to_have_text(re.compile("^(Ready|Not sure|Not ready)$"))
                     for seen in ("#word", "#because p", "#axes article:last-child .number", "#sketch"):
                         expect(page.locator(seen).first).to_be_in_viewport(ratio=1.0)
+                    moves = "#now-why" if width == SCREENS[0][0] else ".each-moved:visible"
+                    expect(page.locator(moves)).to_contain_text("spindle")
+                    expect(page.locator(moves)).to_be_in_viewport(ratio=1.0)
                     assert widest(page) <= width
                     picture(page, f"page-{width}-{'dark' if dark else 'light'}")
         with rig.page("/machine/mill") as page:

@@ -56,7 +56,9 @@ def test_the_verdict_its_reason_and_the_numbers_are_read_from_two_metres(setting
             assert minutes_of_arc(page.locator("#because p").first) >= 1.3 * ACUITY
             assert minutes_of_arc(page.locator("#axes .number").first) >= 1.3 * ACUITY
             assert page.evaluate(_CUT) == []
-            expect(page.locator("#most")).to_contain_text(re.compile(r"\bX.+\(.+\d\), Y.+\(.+\d\), Z.+\(.+\d\)"))
+            expect(page.locator("#most")).to_contain_text(
+                re.compile(r"\d:\d\d.+\bX.+\(.+\d\), Y.+\(.+\d\), Z.+\(.+\d\)")
+            )
             expect(page.locator("#most")).to_be_in_viewport(ratio=1.0)
         gateway.say("status " + json.dumps({"clock": "simulated"}))
         for page in pages.values():
