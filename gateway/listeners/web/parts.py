@@ -296,17 +296,17 @@ def failed(seen: MachineSeen) -> Sentence | None:
 
 
 def _lost(seen: MachineSeen) -> list[Text]:
-    """Buses that cannot be opened, then devices that do not answer, as this run of the gateway has said, unless every
-    channel without a good value was answered; then those whose own sensor failed."""
-    bad = {name: r.quality for name, r in seen.readings.items() if r.quality != Quality.GOOD}
-    own = [name for name, quality in sorted(bad.items()) if quality in (Quality.SENSOR_FAULT, Quality.OUT_OF_RANGE)]
+    """Buses that cannot be opened, then devices that do not answer, as this run of the gateway has said; none if each
+    channel without a good value has a fault of its own: a device may only be slow."""
+    bad = {reading.quality for reading in seen.readings.values()} - {Quality.GOOD}
+    if bad and bad <= {Quality.SENSOR_FAULT, Quality.OUT_OF_RANGE}:
+        return []
     lost: dict[tuple[str, str], bool] = {}
-    for event in seen.events if not bad or len(own) < len(bad) else ():
+    for event in seen.events:
         match event.values.get("subject"):
             case {"code": NoticeCode.BUS | NoticeCode.DEVICE as code, "values": {"name": str(name)}}:
                 lost[code, name] = event.boot == seen.boot and event.kind == EventKind.PROBLEM
-    said = [Text(code, name=name) for (code, name), lasts in sorted(lost.items()) if lasts]
-    return said + [Text(NoticeCode.CHANNEL, name=name) for name in own]
+    return [Text(code, name=name) for (code, name), lasts in sorted(lost.items()) if lasts]
 
 
 def _counted(seen: MachineSeen) -> tuple[int, int]:

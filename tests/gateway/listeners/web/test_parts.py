@@ -186,15 +186,18 @@ def test_a_bus_or_a_device_that_failed_is_named_beside_the_verdict_until_it_answ
     assert first() == (None, None), "the new run has not said so"
 
 
-def test_a_broken_sensor_is_named_beside_the_verdict_and_not_a_device_that_is_only_slow() -> None:
+def test_a_device_that_is_only_slow_is_not_named_for_a_broken_sensor() -> None:
     heard = HeardMachine()
     heard.event(subject=json_of({"": Text(NoticeCode.DEVICE, name="node5")})[""])
     heard.reading("column")
     heard.reading("bed", None, "sensor_fault")
     said = parts.failed(heard.seen)
     assert said is not None
-    assert said.values.get("first") == in_each(Text(NoticeCode.CHANNEL, name="bed"))
-    assert "more" not in said.values
+    assert "first" not in said.values
+    heard.reading("column", None, "comm_fault")
+    said = parts.failed(heard.seen)
+    assert said is not None
+    assert said.values["first"] == in_each(Text(NoticeCode.DEVICE, name="node5"))
 
 
 def test_what_moves_an_error_adds_up_to_its_estimate() -> None:
