@@ -394,7 +394,8 @@ class CanOpenBus:
         self._settle(device, node, wanted)
         longest_s = self._longest_s(node)
         is_slow = longest_s > self._settings.timeout_s
-        wait_s = longest_s if is_slow else min(longest_s, self._patience.wait_s(node, wanted))
+        usual_s = self._patience.wait_s(node, wanted, loses=self._requests.loses(node))
+        wait_s = longest_s if is_slow else min(longest_s, usual_s)
         asked_s = monotonic()
         answer = self._asked(device, node, wanted, wait_s)
         kind = answer[0]
@@ -435,11 +436,11 @@ class CanOpenBus:
     def _longest_s(self, node: int) -> float:
         """How long an answer may take: longer than the timeout, if that is not enough and no other node waits; when all
         have been asked, as long as is left."""
-        late_s = self._patience.late_s(self._requests.patience_s(node))
+        timeout_s, late_s = self._settings.timeout_s, self._requests.patience_s(node)
         left_s = self._until_s - monotonic()
         if math.isfinite(left_s):
-            return max(0.0, min(late_s, left_s))
-        return self._settings.timeout_s if self._rests.are_several else late_s
+            return max(0.0, min(max(timeout_s, late_s), left_s))
+        return timeout_s if self._rests.are_several else self._patience.late_s(late_s)
 
     def _unanswered(self, device: str, node: int, wanted: CanObject, waited_s: float) -> DriverError:
         now_s, timeout_s = monotonic(), self._settings.timeout_s

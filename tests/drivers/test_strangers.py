@@ -52,7 +52,7 @@ def test_micro_epsilon_controllers(seed: int) -> None:
     assert not list(trial.problems()), trial.nature
 
 
-@pytest.mark.parametrize("seed", [*range(5), 17, 53, 57, 99, 118, 146, 165, 309, 338])
+@pytest.mark.parametrize("seed", [*range(5), 17, 53, 57, 99, 118, 146, 165, 309, 338, 820])
 def test_canopen_nodes(seed: int) -> None:
     """The first ones, and some that need a rest, lose requests or are slow; `--of can` tries more of them."""
     trial = can_trial.tried(seed)
