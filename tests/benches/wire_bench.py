@@ -97,6 +97,10 @@ class WireBench:
         assert_never_stepped(self.control.nck.log, BOUND_UM, 1.0, PERIOD_S, but_at_s)
 
 
+_ARRIVES_S = 0.005
+"""How long what is written may be on its way to the control, more at one time than at another."""
+
+
 def assert_never_stepped(
     log: Sequence[Logged],
     bound_um: Sequence[float],
@@ -112,7 +116,7 @@ def assert_never_stepped(
         now = np.array(entry.values_mm) * 1e3
         changed = now != value
         if entry.time_s != but_at_s:
-            reach = rate_um_per_s * (entry.time_s - since)
+            reach = rate_um_per_s * (entry.time_s - since + _ARRIVES_S)
             if not entry.ramped:
                 reach = np.minimum(reach, rate_um_per_s * period_s)
             assert (np.abs(now - value)[changed] <= reach[changed] + 1e-6).all(), (entry, value, since)
