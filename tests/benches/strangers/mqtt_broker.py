@@ -50,7 +50,7 @@ class MqttNature(Told):
     overtaken: float = 0.0
     """Share of them that come after later ones."""
     pieces_s: float = 0.0
-    """Between the two parts in which one comes."""
+    """Between the two parts in which one comes; less where the line could not carry all that is measured."""
     clock_s: float = 0.0
     """The publisher's clock is ahead by so much."""
     # Every `every_s`, for `burst_s`:
@@ -231,7 +231,7 @@ class ForeignBroker:
             if nature.pieces_s:
                 cut = self._draw.randrange(1, len(data))
                 self._loop.call_at(at_s, _write, writer, data[:cut])
-                self._sent_s = at_s + nature.pieces_s
+                self._sent_s = at_s + min(nature.pieces_s, 0.4 * nature.interval_s / nature.topics)
                 self._loop.call_at(self._sent_s, _write, writer, data[cut:])
                 self._sent_s += 1e-4
             else:
