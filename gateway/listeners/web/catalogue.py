@@ -30,6 +30,7 @@ _ELSEWHERE = (
     "naming.",
     "nothing.",
     "of_profile.",
+    "poses.",
     "system_error.",
 )
 """Groups that the server writes out itself, or other programs."""
