@@ -213,7 +213,7 @@ def test_the_report_of_a_day_opens_in_a_sandbox_in_which_its_charts_still_work(l
         expect(page.locator("#report")).to_have_attribute("href", re.compile(r"/mill/report/\d{4}-\d\d-\d\d\?zone="))
         page.fill("#report-day", "2026-03-02")
         expect(page.locator("#report")).to_have_attribute(
-            "href", "/machine/mill/report/2026-03-02?zone=Europe%2FZurich&lang=en"
+            "href", "/machine/mill/report/2026-03-02?zone=Europe%2FZurich&lang=en&tolerance=8"
         )
         said = list[str]()
         page.context.on("console", lambda message: said.append(message.text))
