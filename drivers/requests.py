@@ -23,7 +23,7 @@ from drivers.rests import COPIES_S
 
 _FORGOTTEN_S = 10.0
 """No answer comes later than this, but for the last ones."""
-_NOT_FORGOTTEN = 8
+_NOT_FORGOTTEN = 3
 """So many: a server that is behind keeps an answer until it hears another request, however many it has not heard."""
 _NEWEST = 1 / 4
 """Weight of the newest answer in what is known of a unit's lateness."""
