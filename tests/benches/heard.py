@@ -60,13 +60,23 @@ class HeardMachine:
         corrected: float | Mapping[str, float | None] | None = 0.0,
         sigma: float | Mapping[str, float | None] | None = 0.1,
         phase: str = "compensation",
+        substituted: tuple[str, ...] = (),
     ) -> None:
         """Errors that are not named are zero, and their sigma is 0.1."""
         values, spread = _by_error(corrected, 0.0), _by_error(sigma, 0.1)
         self.hear(
             "decision",
             DecisionMessage(
-                *self.stamp(), k, phase, values, values, spread, dict.fromkeys(THERMAL_ERRORS, 5.0), None, None, ()
+                *self.stamp(),
+                k,
+                phase,
+                values,
+                values,
+                spread,
+                dict.fromkeys(THERMAL_ERRORS, 5.0),
+                None,
+                None,
+                substituted,
             ),
         )
 
@@ -193,12 +203,13 @@ class HeardMachine:
         channels: int | None = None,
         channels_good: int | None = None,
         when_stale: str | None = None,
+        nc: str | None = None,
     ) -> None:
         ends, missed = dict(certificates or {}), dict(periods_missed or {})
         message = StatusMessage(
             *self.stamp(), "compensation", 0, 0, missed, None, None,
             unarmed=unarmed, certificates=ends, planned_loads=planned_loads, paused=paused, disarmed=disarmed,
-            unarmed_coded=unarmed_coded, channels=channels, channels_good=channels_good, when_stale=when_stale,
+            unarmed_coded=unarmed_coded, channels=channels, channels_good=channels_good, when_stale=when_stale, nc=nc,
         )  # fmt: skip
         self.hear("status", message)
 

@@ -102,7 +102,7 @@ def test_each_part_shows_live_data(settings: Path) -> None:
             page.keyboard.press("Enter")
             expect(page.locator("#word")).to_have_text("Not sure")
             expect(page.locator("#helps")).to_contain_text(texts("en")["when.not_before"].split("{")[0])
-            for what in ("wait 30 min", "probe now", "warm up with spindle and axes"):
+            for what in ("wait 30 min", "measure now", "warm up with spindle and axes"):
                 expect(page.locator("#helps")).to_contain_text(f"If you {what}")
             gateway.say("forecast " + json.dumps({"planned": {"<b>warm-up": {}}}))
             expect(page.locator("#helps")).to_contain_text("Under “<b>warm-up”: not known yet.")

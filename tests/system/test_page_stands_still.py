@@ -74,7 +74,8 @@ def test_what_comes_and_goes_with_a_measurement_moves_nothing_below_it(settings:
 
 ESTIMATE = dict(recorded())["decision"]
 VERDICTS = (
-    ("probing", {"standing": "asked"}, "word.probing"),
+    ("probing", {"standing": "asked"}, "word.unsure"),
+    ("status", {"nc": "probing"}, "word.probing"),
     ("probing", {"standing": "not_wanted"}, "word.unsure"),
     ("decision", {"phase": "no_good"}, "word.not_ready"),
     ("decision", {"phase": "compensation", "corrected": {}}, "word.unknown"),

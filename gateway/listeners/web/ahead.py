@@ -15,6 +15,7 @@ import numpy as np
 
 from gateway.listeners.web.at_tool import ToolError, half_width, left_with, moved
 from gateway.listeners.web.sentences import Atom, Sentence, ToldName, Word, at, lasting, tolerance, um
+from gateway.model.codes import NoticeCode
 from gateway.telemetry.answers import ScenarioPage
 from gateway.telemetry.messages import ForecastMessage, PublishedCourse
 from gateway.telemetry.subscriber.instants import instant
@@ -291,10 +292,24 @@ class Option:
         return self.gain_um > self.off_um  # NaN compares false
 
 
-def cycle_takes(seen: MachineSeen, key: str = "lasts.brackets") -> Atom:
-    """How long the last measurements took, as a sentence of the catalogue; empty: unknown."""
+def cycle_took(seen: MachineSeen) -> float | None:
+    """How long the last measurements took, s; None: unknown."""
     found = [m.lasted_s for m in seen.measurements if m.lasted_s is not None]
-    return Sentence(key, {"lasts": lasting(median(found))}) if found else ToldName("")
+    return median(found) if found else None
+
+
+def cycle_takes(seen: MachineSeen) -> Atom:
+    """The same in brackets; empty: unknown."""
+    took = cycle_took(seen)
+    return ToldName("") if took is None else Sentence("lasts.brackets", {"lasts": lasting(took)})
+
+
+_NO_PROBING = frozenset({NoticeCode.OFF_CHAIN, NoticeCode.OFF_NO_NC, NoticeCode.OFF_ONLY_READ, NoticeCode.OFF_PROBING})
+
+
+def measures(seen: MachineSeen) -> bool:
+    """Whether its configuration lets it measure."""
+    return not any(text.code in _NO_PROBING for text in seen.unarmed)
 
 
 def options(now: ToolError, coming: AheadError) -> tuple[Option, ...]:
@@ -312,19 +327,19 @@ def options(now: ToolError, coming: AheadError) -> tuple[Option, ...]:
 
 
 def advice(
-    now: ToolError | None, coming: AheadError | None, tolerance_um: float, takes: Atom, *, ready: bool
+    now: ToolError | None, coming: AheadError | None, tolerance_um: float, takes: "Atom | None", *, ready: bool
 ) -> Iterator[Sentence]:
     """What would help most, and what it leaves; then each option; and when warming up brings nothing more.
 
-    takes: how long a measurement takes, as `cycle_takes` says it
+    takes: how long a measurement takes, as `cycle_takes` says it; None: it does not measure
     """
     if now is None or coming is None or not np.isfinite(now.far).all():
         return
-    choices = options(now, coming)
+    choices = [each for each in options(now, coming) if takes is not None or each.what != PROBE]
     if not ready:
         best = max(choices, key=lambda each: each.gain_um if each.counts else -math.inf)
         if best.counts:
-            values = _values(best) | {"lasts": takes if best.what == PROBE else ToldName("")}
+            values = _values(best) | {"lasts": takes if takes is not None and best.what == PROBE else ToldName("")}
             key = "help.best_enough" if _enough(best, tolerance_um) else "help.best"
             yield Sentence(key, values | {"tolerance": tolerance(tolerance_um)})
         for each in choices:

@@ -7,6 +7,7 @@ from datetime import datetime, timedelta
 from statistics import median
 
 from drivers.base import Quality
+from gateway.listeners.web.ahead import measures
 from gateway.listeners.web.catalogue import page_texts
 from gateway.listeners.web.sentences import Amount, Atom, SaidRow, Sentence, ToldName, Word, at, in_each, name, told, um
 from gateway.model.codes import NoticeCode
@@ -47,6 +48,8 @@ _NC_MARKS: dict[str, str] = {NcState.READY: "good", NcState.PROBING: "good", NcS
 _MOST_ALIKE = 4
 _RENEW_DAYS = 30
 _URGENT_DAYS = 7
+_ORDERS = frozenset({NoticeCode.WAITS_ARM, NoticeCode.WAITS_RESUME})
+"""What an order waits for is said where the order is."""
 _AROUND = frozenset({NoticeCode.INTERMITTENT, NoticeCode.NO_MORE_KINDS})
 """What is said around another problem."""
 TOLD_WITH_REMEDY = frozenset({
@@ -63,13 +66,17 @@ def waits(seen: MachineSeen) -> Iterator[SaidRow]:
     """What is not armed, phase, next probing and why, what blocks it, what the operator should do."""
     for text in seen.unarmed:
         yield SaidRow("label.unarmed", told(text), "notice")
+    if seen.unarmed:
+        yield SaidRow("label.operator", Sentence("do.unarmed"))
     if seen.decision is not None:
         yield SaidRow("label.phase", Sentence("sentence.word", {"word": Word(f"phase.{seen.decision.phase}")}))
     status = seen.status
     for text in () if status is None else texts_from(status.waits_for, status.waits_for_coded):
-        yield SaidRow("label.first", told(text), "notice")
+        if text.code not in _ORDERS:
+            yield SaidRow("label.first", told(text), "notice")
     yield from _standing(seen.probing)
-    expected = None if seen.reasons is None else seen.at_k(seen.reasons.next_k)
+    asked = seen.probing is not None and seen.probing.standing == Standing.ASKED
+    expected = None if seen.reasons is None or asked or not measures(seen) else seen.at_k(seen.reasons.next_k)
     if seen.reasons is not None and expected is not None:
         why = Word(f"why.{seen.reasons.next_why}")
         key = "next.overdue" if is_past(seen, expected) else "next.expected"

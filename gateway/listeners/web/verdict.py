@@ -2,19 +2,32 @@
 
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timedelta
 from enum import StrEnum
 
 import numpy as np
 
-from gateway.listeners.web.ahead import Outlook, advice, ahead, cycle_takes, planned, planned_ahead, when
+from gateway.listeners.web.ahead import (
+    Outlook,
+    advice,
+    ahead,
+    cycle_takes,
+    cycle_took,
+    measures,
+    planned,
+    planned_ahead,
+    when,
+)
 from gateway.listeners.web.at_tool import ToolError, at_the_tool, course, half_width, told
-from gateway.listeners.web.sentences import Atom, Sentence, Word, at, tolerance, um
+from gateway.listeners.web.sentences import Amount, Atom, Sentence, ToldName, Word, at, tolerance, um
+from gateway.model.control_state import NcState
 from gateway.model.standing import Standing
+from gateway.telemetry.subscriber.instants import instant
 from gateway.telemetry.subscriber.machine import MachineSeen, applied, holds_s, is_old, is_past, nine
 from talc.frame import FloatArray, Phase
+from talc.kinds import EventCode
 
 
 class Colour(StrEnum):
@@ -92,9 +105,8 @@ def judged(seen: MachineSeen, viewpoint: Viewpoint, now_s: float) -> Verdict:
     if tool.old:
         decided = datetime.fromisoformat(seen.decision.time)
         return Verdict(Colour.AWAY, "word.old", (Sentence("because.old", {"at": at(decided)}),), decided)
-    if seen.probing is not None and seen.probing.standing == Standing.ASKED:
-        lasts = Sentence("because.probing", {"lasts": cycle_takes(seen, "lasts.of_late")})
-        return Verdict(Colour.GREY, "word.probing", (lasts,), seen.probing_since)
+    if seen.status is not None and seen.status.nc == NcState.PROBING and _asked(seen):
+        return _measuring(seen)
     error = tool.error
     if seen.decision.phase == Phase.NO_GOOD:
         return Verdict(Colour.RED, "word.not_ready", (Sentence("because.no_good"),))
@@ -104,7 +116,47 @@ def judged(seen: MachineSeen, viewpoint: Viewpoint, now_s: float) -> Verdict:
         return Verdict(Colour.GREY, "word.no_tolerance", (_left(error), Sentence("because.no_tolerance")))
     colour = _colour(error.near, error.far, viewpoint.tolerance_um)
     said = _left(error) if colour is Colour.GREEN else _order(error, colour, viewpoint.tolerance_um)
-    return Verdict(colour, _WORDS[colour], (said,))
+    return Verdict(colour, _WORDS[colour], (said, *_all_the_same(seen)))
+
+
+def _all_the_same(seen: MachineSeen) -> Iterator[Sentence]:
+    """What the judgement goes without, a compensation that follows and inputs that have good values; and that the
+    machine will be measured soon."""
+    if seen.status is not None and (order := seen.status.disarmed or seen.status.paused) is not None:
+        key = "because.paused" if seen.status.disarmed is None else "because.disarmed"
+        yield Sentence(key, {"at": at(datetime.fromisoformat(order.since))})
+    if names := () if seen.decision is None else seen.decision.substituted:
+        yield _without(seen, names)
+    if _asked(seen):
+        yield Sentence("because.asked", {"lasts": cycle_takes(seen)})
+
+
+def _asked(seen: MachineSeen) -> bool:
+    return seen.probing is not None and seen.probing.standing == Standing.ASKED
+
+
+def _without(seen: MachineSeen, names: Sequence[str]) -> Sentence:
+    more, since = len(names) - 1, _missing_since(seen, names)
+    values: dict[str, Atom] = {
+        "first": ToldName(names[0]),
+        "more": Sentence("because.and_more", {"n": Amount(more, d=0)}) if more else ToldName(""),
+        "since": ToldName("") if since is None else Sentence("because.since", {"at": at(since)}),
+    }
+    return Sentence("because.without", values)
+
+
+def _missing_since(seen: MachineSeen, names: Collection[str]) -> datetime | None:
+    """Since when the first of these inputs has been estimated, as far as it was heard."""
+    latest = {event.values.get("input"): event.time for event in seen.events if event.code == EventCode.VALUE_ESTIMATED}
+    times = [instant(time) for name, time in latest.items() if name in names]
+    return min((time for time in times if time is not None), default=None)
+
+
+def _measuring(seen: MachineSeen) -> Verdict:
+    took, since = cycle_took(seen), seen.probing_since
+    ends = None if took is None or since is None else at(since + timedelta(seconds=took))
+    helps = () if ends is None else (Sentence("when.measured", {"at": ends}),)
+    return Verdict(Colour.GREY, "word.probing", (Sentence("because.probing"),), since, helps)
 
 
 def _left(error: ToolError) -> Sentence:
@@ -233,18 +285,19 @@ def _since(seen: MachineSeen, viewpoint: Viewpoint, now_s: float) -> tuple[datet
 def _helps(seen: MachineSeen, viewpoint: Viewpoint, tool: ToolNow, *, ready: bool) -> Iterator[Sentence]:
     """When it will be ready or how long it stays so, what would help more, and when the next measurement comes.
 
-    While somebody has paused the compensation, nothing helps as much as ending the pause, and a gateway that is
-    disarmed does not measure: what would help is not said then.
+    While somebody has paused the compensation, nothing helps as much as ending the pause, and a gateway that does not
+    measure, as it is disarmed or not armed, says nothing of measurements.
     """
     coming, tolerance_um = ahead(seen, viewpoint.matrix), viewpoint.tolerance_um
     disarmed = seen.status is not None and seen.status.disarmed is not None
     ordered = disarmed or (seen.status is not None and seen.status.paused is not None)
     if tolerance_um is not None:
         if not ordered:
-            yield from advice(tool.error, coming, tolerance_um, cycle_takes(seen), ready=ready)
+            takes = cycle_takes(seen) if measures(seen) else None
+            yield from advice(tool.error, coming, tolerance_um, takes, ready=ready)
         yield from when(tool.error, coming, tolerance_um, ready=ready)
         yield from planned(tool.error, planned_ahead(seen, viewpoint.matrix), tolerance_um, ready=ready)
-    if ready or disarmed:
+    if ready or disarmed or not measures(seen):
         return
     if coming is None and not ordered and seen.measurements and tolerance_um is not None:
         half = float(np.max(half_width(viewpoint.matrix, np.array(seen.measurements[-1].sigma))))

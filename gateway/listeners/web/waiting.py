@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from gateway.listeners.web.ahead import WARM_S, ahead, cycle_takes
+from gateway.listeners.web.ahead import WARM_S, ahead, cycle_takes, measures
 from gateway.listeners.web.sentences import Atom, SaidRow, Sentence, Word, at, um
 from gateway.listeners.web.verdict import tool_now
 from gateway.telemetry.subscriber.machine import MachineSeen
@@ -15,7 +15,7 @@ def cost_of_waiting(seen: MachineSeen, matrix: FloatArray, now_s: float) -> Iter
     """At one place, in the axis in which a measurement now would gain most: the interval when the next measurement is
     expected, or after two hours if none is; and what it would then be if the machine had been measured now."""
     error, coming = tool_now(seen, matrix, now_s).error, ahead(seen, matrix)
-    if error is None or coming is None:
+    if error is None or coming is None or not measures(seen):
         return
     expected = None if seen.reasons is None else seen.at_k(seen.reasons.next_k)
     made, seconds = coming.at[0].timestamp() - coming.seconds[0], np.array(coming.seconds)

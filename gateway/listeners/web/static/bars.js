@@ -21,7 +21,7 @@ const bar = (axis, at, most, tolerance) => {
   }
   if (without !== null && Math.abs(without) > most) {
     const beyond = piece(without > 0 ? "beyond high" : "beyond low", without > 0 ? 100 : 0);
-    beyond.textContent = amount({ n: without, ...UM, sign: true });
+    beyond.append(make("i", undefined, "ring"), amount({ n: without, ...UM, sign: true }));
     pieces.push(beyond);
   } else if (without !== null) pieces.push(piece("ring", at(without)));
   return pieces;

@@ -242,7 +242,15 @@ const overlay = (u, ink) => {
   const line = (x0, y0, x1, y1, colour, width, dash = []) => {
     ctx.beginPath(); ctx.setLineDash(dash); ctx.strokeStyle = ink(colour); ctx.lineWidth = width * px; ctx.moveTo(x0, y0); ctx.lineTo(x1, y1); ctx.stroke();
   };
-  for (const t of tolerance ? [-tolerance, tolerance] : []) line(left, u.valToPos(t, "y", true), right, u.valToPos(t, "y", true), "ink", 1.2);
+  for (const t of tolerance ? [-tolerance, tolerance] : []) {
+    const y = u.valToPos(t, "y", true), text = amount({ n: t, d: t % 1 ? 1 : 0, sign: true });
+    line(left, y, right, y, "ink", 1.2);
+    ctx.font = `600 ${13 * px}px system-ui, sans-serif`;
+    ctx.textAlign = "left";
+    ctx.textBaseline = t > 0 ? "bottom" : "top";
+    ctx.fillStyle = ink("ink");
+    ctx.fillText(t > 0 ? `${word("chart.tolerance")} ${text}` : text, left + 5 * px, y);
+  }
   course.state.forEach((colour, i) => {
     const to = course.t[i + 1] ?? course.t[i];
     if (to < min || course.t[i] > max || to - course.t[i] > 3600) return;

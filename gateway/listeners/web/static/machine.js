@@ -7,7 +7,7 @@ import { $, changed, draw, make, paint, put, rows, say } from "./elements.js";
 import { showModel } from "./model.js";
 import { hear, stateUnit } from "./past.js";
 import { showSensors } from "./sensors.js";
-import { clock, exact, lasted, present, recent, sentence, setToday, weekday, whole, word } from "./words.js";
+import { amount, exact, lasted, recent, sentence, setToday, weekday, whole, word } from "./words.js";
 import { openProblems } from "./tables.js";
 import { showWhen } from "./when.js";
 import { eachMoved, mostMoved, showWhy } from "./why.js";
@@ -44,6 +44,7 @@ export const readyDay = (latest) => $("report-day").addEventListener("change", (
 const LONG = 85, LONG_WORD = 12;
 // Of what it waits for, what somebody does or waits for next.
 const NEXT = ["label.unarmed", "label.first", "label.waits_for", "label.operator", "label.next"];
+const ORDERS = ["because.paused", "because.disarmed"];
 // What it costs to wait for the next measurement.
 const PRICE = ["label.waiting"];
 // When it will be ready, and what helps most: to be read from two metres.
@@ -60,17 +61,18 @@ const list = (rows) => {
   return found;
 };
 // What the sentence on the next hours says, beside the verdict.
-const UNTIL = { "when.until": "until.at", "when.stays": "until.least", "when.ready": "until.ready" };
-// wrong: what is wrong, beside it
-export const showWord = ({ colour, word: key, since, before, helps }, wrong = "") => {
+const UNTIL = { "when.until": "until.at", "when.stays": "until.least", "when.ready": "until.ready", "when.measured": "until.measured" };
+// tolerance: that it is judged by, µm; wrong: what is wrong, beside it
+export const showWord = ({ colour, word: key, since, before, helps }, tolerance = null, wrong = "") => {
   const found = helps.find((help) => help.say in UNTIL), until = found ? sentence({ ...found, say: UNTIL[found.say] }) : "";
   const when = since ? word(before ? "since.before" : "since.at").replace("{at}", () => recent(since)).replace("{for}", () => lasted(since)) : "";
   paint($("ready"), colour);
   put($("word"), word(key));
   paint($("badge"), colour);
-  if (changed("badge", [key, when, until, wrong])) $("badge").firstChild.replaceChildren(
+  const judged = tolerance && (colour === "green" || colour === "amber" || colour === "red") ? `±\u00a0${amount({ n: tolerance, u: "µm", d: tolerance % 1 ? 1 : 0 })}` : "";
+  if (changed("badge", [key, judged, when, until, wrong])) $("badge").firstChild.replaceChildren(
     // What is roomy, a phone has no room for.
-    ...[[word(key)], until && when && [when, "roomy"], (until || when) && [until || when], wrong && [wrong, "roomy"]].filter(Boolean).map(([text, kind], i) => make("span", (i ? " · " : "") + text, kind)));
+    ...[[word(key)], judged && [judged, "roomy"], until && when && [when, "roomy"], (until || when) && [until || when], wrong && [wrong, "roomy"]].filter(Boolean).map(([text, kind], i) => make("span", (i ? " · " : "") + text, kind)));
   put($("since"), when);
   put($("until"), until);
   $("ready").dataset.word = key;
@@ -82,12 +84,13 @@ export const showMachine = (v) => {
   const { verdict } = v, simulated = v.simulated && v.gateway_time ? new Date(v.gateway_time) : null;
   setToday(simulated);
   document.body.classList.toggle("past", !v.alive);
-  const open = openProblems(), wrong = verdict.failed ? sentence(verdict.failed) : v.alive && open ? word("events.open").replace("{n}", open) : "";
-  showWord(verdict, wrong);
+  const open = openProblems(), order = verdict.because.find((each) => ORDERS.includes(each.say));
+  const wrong = verdict.failed ? sentence(verdict.failed) : v.alive && open ? word("events.open").replace("{n}", open) : "";
+  showWord(verdict, v.tolerance_um, wrong || (order ? sentence(order) : ""));
   $("failed").classList.toggle("none", !wrong);
-  put($("failed"), wrong || (v.alive && verdict.colour === "green" ? word(v.notices.length || v.unarmed ? "events.no_open" : "events.nothing") : ""));
+  put($("failed"), wrong || (v.alive && verdict.colour === "green" ? word(v.notices.length || v.unarmed ? "events.switched_off" : "events.nothing") : ""));
   const heard = v.heard ? [make("span", word("page.heard").replace("{at}", exact.format(new Date(v.heard))))] : [];
-  if (!v.alive && !simulated && v.heard) heard.push(make("span", " · " + word("page.now").replace("{at}", clock.format(present()))));
+  if (!v.alive && !simulated && v.heard) heard.push(make("span", " · " + word("page.ago").replace("{for}", lasted(v.heard))));
   if (simulated) heard.unshift(make("b", word("page.simulated").replace("{at}", weekday.format(simulated))));
   draw("heard", [heard.map((each) => each.textContent)], () => heard);
   if (v.gateway_time) put($("state-of"), word("print.state_of").replace("{at}", whole.format(new Date(v.gateway_time))));

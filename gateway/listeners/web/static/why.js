@@ -27,8 +27,8 @@ const ranked = (parts) => [...parts].sort((a, b) => OWN.includes(a.key) - OWN.in
 export const INKS = ["c1", "c2", "c3", "c4", "c6"];
 const inks = new Map(), sizes = {};
 export const inkOf = (key) => inks.get(key);
-// The colours, from a part's own one on: it mostly has the same one, whatever else moves.
-const wished = (key) => { const own = [...key].reduce((sum, c) => sum + c.codePointAt(0), 0) % INKS.length; return [...INKS.slice(own), ...INKS.slice(0, own)]; };
+// Five parts have their colours always, in each language and browser; others have the colours that are left, and keep them.
+const OWN_INKS = new Map(["column", "spindle", "cradle", "slides", "table"].map((part, i) => [word("body." + part), INKS[i]]));
 // found: parts and how much they move, now or over the day. What moves most now comes first, so that a minute is told
 // alike whether or not the day is known; whoever has a colour and still counts keeps it.
 export const giveInks = (of, found) => {
@@ -37,8 +37,10 @@ export const giveInks = (of, found) => {
   const all = Object.values(sizes), size = (key) => Math.max(...all.map((each) => each.get(key) ?? 0));
   const before = String([...inks]), inNow = (key) => (sizes.now?.get(key) ?? 0) >= 0.05;
   const first = [...new Set(all.flatMap((each) => [...each.keys()]))].sort((a, b) => inNow(b) - inNow(a) || (inNow(a) ? sizes.now.get(b) - sizes.now.get(a) : size(b) - size(a))).slice(0, INKS.length);
-  for (const key of inks.keys()) if (!first.includes(key)) inks.delete(key);
-  for (const key of first) if (!inks.has(key)) inks.set(key, wished(key).find((ink) => ![...inks.values()].includes(ink)));
+  const taken = new Set(first.filter((key) => OWN_INKS.has(key)).map((key) => OWN_INKS.get(key)));
+  for (const [key, ink] of [...inks]) if (!first.includes(key) || (!OWN_INKS.has(key) && taken.has(ink))) inks.delete(key);
+  for (const key of first) if (OWN_INKS.has(key)) inks.set(key, OWN_INKS.get(key));
+  for (const key of first) if (!inks.has(key)) inks.set(key, INKS.find((ink) => ![...inks.values()].includes(ink)));
   if (of !== "now" && String([...inks]) !== before) queueMicrotask(show);
 };
 export const allInks = () => [...inks];
@@ -128,16 +130,24 @@ const beyondSince = (axis, tolerance) => {
   while (first && values[first - 1] !== null && Math.abs(values[first - 1]) > tolerance) first--;
   return first === values.length || !tolerance ? "" : word(first ? "moves.most_since" : "moves.most_before").replace("{at}", time(course.t[first] * 1e3));
 };
-// The axis that would be off most now, by how much, by what, and since when; null: not known.
+// A correction that no longer follows is part of where they come from.
+const standsStill = () => latest.axes.some((a) => a.left.n !== null) && latest.tool_notes.some((note) => note.say === "tool.not_following");
+// The axis that is off most, or would be without compensation, by how much, by what, and since when; null: not known.
 export const mostMoved = (tolerance) => {
-  const worst = worstOf(AXES.map((_, i) => axisRow(errorsNow(latest), i))), first = ranked(worst.parts).find((p) => !OWN.includes(p.key));
-  const said = (n, u) => amount({ n: tenths(n), u, d: 1, sign: true });
+  const rows = AXES.map((_, i) => axisRow(errorsNow(latest), i)), said = (n, u) => amount({ n: tenths(n), u, d: 1, sign: true });
+  const off = standsStill() ? latest.axes.filter((a) => a.left.n !== null).reduce((a, b) => (a.far.n >= b.far.n ? a : b)) : null;
+  const worst = off ? rows[AXES.indexOf(off.axis)] : worstOf(rows), first = ranked(worst.parts).find((p) => !OWN.includes(p.key));
   if (!first) return null;
+  if (off) {
+    const values = { axis: off.axis, left: said(off.left.n, "µm"), without: said(off.without.n), what: first.key, by: said(first.n), held: said(tenths(off.left.n) - tenths(off.without.n)) };
+    return word("moves.left_said").replace(/\{(\w+)\}/g, (_, name) => values[name]);
+  }
   const values = { since: beyondSince(worst.name, tolerance), axis: worst.name, total: said(worst.total, "µm"), what: first.key, by: said(first.n), rest: said(worst.total - first.n, "µm") };
   return word("moves.most_said").replace(/\{(\w+)\}/g, (_, name) => values[name]);
 };
 // Each axis now, with what moves it most, and since when one is out of tolerance, in one sentence; empty: not known.
 export const eachMoved = (tolerance) => {
+  if (standsStill()) return mostMoved(tolerance) ?? "";
   const rows = AXES.map((_, i) => axisRow(errorsNow(latest), i)), said = (n) => amount({ n, d: 1, sign: true });
   reasonsAt = latest.reasons;
   const moved = ({ name, total, parts }) => {
@@ -170,7 +180,7 @@ const show = () => {
   $("moment-why").replaceChildren(...(rows.length ? stacks([rows[AXES.indexOf(axis)]]) : none()));
   const told = moment !== null ? moment * 1e3 : latest.alive ? null : latest.reasons;
   put($("why-moment"), told ? time(told) : "");
-  const at = moment === null && latest.alive ? latest.reasons && time(latest.gateway_time) : told && time(told);
+  const at = told && time(told);
   put($("moment-title"), word("moves.title") + (at ? ` · ${at}` : ""));
 };
 export const showWhy = (v) => {

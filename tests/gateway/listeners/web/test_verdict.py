@@ -12,7 +12,7 @@ from gateway.listeners.web.view import listed, shown_course, view
 from gateway.model.codes import NoticeCode
 from gateway.model.compensation import Source
 from gateway.model.text import Text
-from gateway.telemetry.fields import coded
+from gateway.telemetry.fields import Coded, coded
 from gateway.telemetry.messages import PauseStanding
 from gateway.telemetry.subscriber.machine import Applied, applied
 from gateway.telemetry.subscriber.site import SiteSeen
@@ -189,12 +189,45 @@ def test_while_the_control_probes_it_is_not_ready() -> None:
     heard.decision()
     heard.probing("asked")
     began = heard.seen.latest
+    asked = verdict_of(heard.seen, within(10.0), heard.now_s)
+    assert (asked.colour, asked.because[-1].say) == (Colour.GREEN, "because.asked"), "it has not begun"
     heard.passes(timedelta(minutes=2))
-    heard.status()
+    heard.status(nc="probing")
     verdict = verdict_of(heard.seen, within(10.0), heard.now_s)
     assert (verdict.word, verdict.since) == ("word.probing", began)
     heard.probing("not_wanted", None)
-    assert verdict_of(heard.seen, within(10.0), heard.now_s).colour is Colour.GREEN
+    heard.status(nc="ready")
+    ready = verdict_of(heard.seen, within(10.0), heard.now_s)
+    assert (ready.colour, [said.say for said in ready.because]) == (Colour.GREEN, ["because.left"])
+
+
+def test_while_it_measures_it_is_said_until_when_by_how_long_the_last_ones_took() -> None:
+    heard = HeardMachine()
+    heard.compensation()
+    heard.measurement(sigma=0.1)
+    heard.decision()
+    heard.probing("asked")
+    heard.status(nc="probing")
+    took = heard.seen.measurements[-1].lasted_s
+    assert took is not None
+    ends = Sentence("when.measured", {"at": at(heard.now + timedelta(seconds=took))})
+    assert verdict_of(heard.seen, within(10.0), heard.now_s).helps == (ends,)
+    assert "label.next" not in {row.label for row in view(heard.seen, within(10.0), heard.now_s).waits}
+
+
+def test_inputs_that_the_estimate_goes_without_are_said_beside_it_and_since_when() -> None:
+    heard = HeardMachine()
+    heard.compensation()
+    for name in ("spindle_front", "spindle_rear"):
+        heard.event("input_substituted", name, code="value_estimated", input=name)
+        heard.passes(timedelta(minutes=1))
+    first = heard.now - timedelta(minutes=2)
+    heard.decision(substituted=("spindle_front", "spindle_rear"))
+    verdict = verdict_of(heard.seen, within(10.0), heard.now_s)
+    assert (verdict.colour, verdict.because[-1].say) == (Colour.GREEN, "because.without")
+    values = verdict.because[-1].values
+    assert values["since"] == Sentence("because.since", {"at": at(first)})
+    assert values["more"] == Sentence("because.and_more", {"n": Amount(1, d=0)})
 
 
 def test_the_phase_no_good_is_red_whatever_the_interval() -> None:
@@ -373,7 +406,10 @@ def test_what_is_not_armed_is_said_first() -> None:
     heard.status(unarmed=(str(text),), unarmed_coded=(coded(text),))
     shown = view(heard.seen, within(10.0), heard.now_s)
     assert shown.unarmed
-    assert shown.waits[0] == SaidRow("label.unarmed", told(text), "notice")
+    assert shown.waits[:2] == (
+        SaidRow("label.unarmed", told(text), "notice"),
+        SaidRow("label.operator", Sentence("do.unarmed")),
+    )
     (listed_one,) = listed({"mill": heard.seen}, {"mill": within(10.0)}, heard.now_s)
     assert listed_one.notices == (Sentence("notice.unarmed", {"text": in_each(text)}),)
     heard.seen.alive = False
@@ -395,8 +431,29 @@ def test_an_order_is_said_and_nothing_else_is_then_said_to_help(order: str, next
     shown = view(heard.seen, within(5.0), heard.now_s)
     assert shown.notices == (Sentence(f"notice.{order}", {"by": ToldName("anna"), "at": at(heard.now)}),)
     assert [said.say for said in shown.verdict.helps] == ["when.no_forecast", *next_one]
+    assert shown.verdict.because[-1] == Sentence(f"because.{order}", {"at": at(heard.now)})
     (listed_one,) = listed({"mill": heard.seen}, {"mill": within(5.0)}, heard.now_s)
     assert listed_one.notices == shown.notices
+
+
+def test_a_gateway_whose_probing_is_not_armed_expects_no_measurement_and_advises_none() -> None:
+    def told_with(unarmed: tuple[str, ...]) -> set[str]:
+        heard = HeardMachine()
+        heard.compensation()
+        heard.measurement(sigma=0.5)
+        heard.decision(sigma=9.0)
+        heard.passes(STEP)
+        heard.decision(1, sigma=9.0)
+        heard.reasons(1)
+        heard.forecast({}, sigma=9.0, measured=0.5, k=1)
+        heard.status(unarmed=unarmed, unarmed_coded=tuple(Coded(code, {}) for code in unarmed))
+        shown = view(heard.seen, within(5.0), heard.now_s)
+        helps = {str(said.values.get("what", said.say)) for said in shown.verdict.helps}
+        return helps | {row.label for row in shown.waits}
+
+    of_measurements = {"Word(w='help.probe')", "label.next", "label.waiting", "when.next_measurement"}
+    assert told_with(("off_listen",)) >= of_measurements
+    assert not told_with(("off_probing",)) & of_measurements
 
 
 def test_the_list_shows_the_worst_first() -> None:
