@@ -3,7 +3,7 @@ import { machine } from "./choice.js";
 import { $, afterPaint, changed, drawn, make, put } from "./elements.js";
 import { fetchPast } from "./past.js";
 import { AXES } from "./screens.js";
-import { amount, time, word } from "./words.js";
+import { amount, answerTo, time, word } from "./words.js";
 import { allInks, axisRow, errorsThen, giveInks, inkOf, SINCE } from "./why.js";
 
 const SPAN_S = 86400, LONGEST_S = 2 * 3600, MOST_ASKED = 4, PATIENCE_MS = 60e3, AGAIN_MS = 600e3, SOONEST_S = 1;
@@ -95,10 +95,9 @@ const fetchMore = async () => {
   if (asking || !view.gateway_time || oldest !== null && oldest < now() - SPAN_S || asked >= MOST_ASKED || performance.now() < againMs) return;
   asking = true;
   const before = oldest === null ? now() : oldest;
-  const answer = await fetch(`/corrections/${encodeURIComponent(machine)}?before=${encodeURIComponent(new Date(before * 1e3).toISOString())}`).catch(() => null);
-  const found = answer && answer.ok ? await answer.json() : null;
+  const { ok, told: found } = await answerTo(`/corrections/${encodeURIComponent(machine)}?before=${encodeURIComponent(new Date(before * 1e3).toISOString())}`);
   asking = false;
-  if (!found || found.why) { againMs = performance.now() + PATIENCE_MS; return; }
+  if (!ok || found.why) { againMs = performance.now() + PATIENCE_MS; return; }
   asked++;
   keep(found.lines);
   oldest = found.before ? Date.parse(found.before) / 1e3 : -Infinity;

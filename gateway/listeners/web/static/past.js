@@ -1,12 +1,11 @@
 // What the gateway has stored, and what this page has heard of each channel since it was opened.
 import { machine, query } from "./choice.js";
-import { whyNot } from "./words.js";
+import { answerTo, atom } from "./words.js";
 
 // from, to: UTC seconds; also: "temperatures" or "errors" are asked for, too. Returns columns, or why there are none.
 export const fetchPast = async (from, to, also = "") => {
-  const answer = await fetch(`/past/${encodeURIComponent(machine)}?from=${from}&to=${to}&${query()}${also && `&${also}=1`}`).catch(() => null);
-  if (answer && answer.ok) return { found: await answer.json(), why: "" };
-  return { found: null, why: await whyNot(answer) };
+  const { ok, told } = await answerTo(`/past/${encodeURIComponent(machine)}?from=${from}&to=${to}&${query()}${also && `&${also}=1`}`);
+  return ok ? { found: told, why: "" } : { found: null, why: atom(told) };
 };
 
 const EVERY_S = 10, MOST = 2880;

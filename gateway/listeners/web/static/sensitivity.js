@@ -1,7 +1,7 @@
 // Micrometres per kelvin by week, from the gateway's store: again each hour, and sooner while it does not answer.
 import { machine } from "./choice.js";
 import { $, make, named, put } from "./elements.js";
-import { amount, atom, date, word } from "./words.js";
+import { amount, answerTo, atom, date, word } from "./words.js";
 
 const UNHEARD_MS = 1000, UNKNOWN_MS = 10e3, KNOWN_MS = 3600e3;
 
@@ -32,8 +32,7 @@ const show = ({ weeks, errors, why }) => {
 // answers: whether the gateway does
 export const showSensitivity = async (answers) => {
   if (!answers()) { setTimeout(showSensitivity, UNHEARD_MS, answers); return; }
-  const answer = await fetch(`/sensitivity/${encodeURIComponent(machine)}`).catch(() => null);
-  const found = answer && answer.ok ? await answer.json() : { weeks: null, errors: [], why: { w: "word.lost" } };
+  const { ok, told } = await answerTo(`/sensitivity/${encodeURIComponent(machine)}`), found = ok ? told : { weeks: null, errors: [], why: told };
   show(found);
   setTimeout(showSensitivity, found.weeks ? KNOWN_MS : UNKNOWN_MS, answers);
 };

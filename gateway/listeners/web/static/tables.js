@@ -1,7 +1,7 @@
 // What has happened, as tables: events, corrections, and how far measurements scatter.
 import { machine } from "./choice.js";
 import { $, make, named, put } from "./elements.js";
-import { amount, atom, date, sentence, time, word } from "./words.js";
+import { amount, answerTo, atom, date, sentence, time, word } from "./words.js";
 
 // On paper only the latest, and a line that says how many are not printed.
 const EVENTS_PRINTED = 20, CORRECTIONS_PRINTED = 10;
@@ -83,8 +83,7 @@ const fetchOlder = async () => {
   if (asking) return;
   asking = true;
   const from = oldest ?? (fixes.length ? fixes.at(-1).t : null);
-  const answer = await fetch(`/corrections/${encodeURIComponent(machine)}` + (from ? `?before=${encodeURIComponent(from)}` : "")).catch(() => null);
-  const found = answer && answer.ok ? await answer.json() : { lines: [], before: null, why: { w: "word.lost" } };
+  const { ok, told } = await answerTo(`/corrections/${encodeURIComponent(machine)}` + (from ? `?before=${encodeURIComponent(from)}` : "")), found = ok ? told : { lines: [], before: null, why: told };
   asking = false;
   if (found.why) { put($("corrections-older-note"), word("corrections.no_older").replace("{why}", () => atom(found.why))); return; }
   put($("corrections-older-note"), found.before ? "" : word("corrections.no_more"));
@@ -101,8 +100,7 @@ const NEAR_END_PX = 40;
 // answers: whether it does
 export const showWeeks = async (answers) => {
   if (!answers()) { setTimeout(showWeeks, 1000, answers); return; }
-  const answer = await fetch(`/scatter/${encodeURIComponent(machine)}`).catch(() => null);
-  const { weeks, why } = answer && answer.ok ? await answer.json() : { weeks: null, why: { w: "word.lost" } };
+  const { ok, told } = await answerTo(`/scatter/${encodeURIComponent(machine)}`), { weeks, why } = ok ? told : { weeks: null, why: told };
   $("weeks").hidden = !weeks || !weeks.length;
   $("weeks-empty").hidden = !$("weeks").hidden;
   put($("weeks-empty"), weeks ? word("weeks.none") : word("weeks.unknown").replace("{why}", () => atom(why)));

@@ -1,7 +1,7 @@
 // The next two hours: the largest error left, as it is and under loads; and what a load would do that somebody thinks of.
 import { machine, query } from "./choice.js";
 import { $, changed, drawn, make, put, say } from "./elements.js";
-import { amount, clock, time, whyNot, word } from "./words.js";
+import { amount, answerTo, atom, clock, time, word } from "./words.js";
 
 let latest = null, asked = null, tolerance = null;
 const PAPER = matchMedia("print"), WIDE = matchMedia("(min-width: 1200px) and (min-height: 640px)"), NARROW = matchMedia("(max-width: 760px)");
@@ -77,14 +77,14 @@ const ask = async () => {
   const minutes = Number($("warm-minutes").value), name = $("warm-load").selectedOptions[0].textContent, parameters = new URLSearchParams({ load: $("warm-load").value, minutes: String(minutes) });
   if (!$("warm-minutes").reportValidity()) return;
   $("warm-ask").disabled = true;
-  const answer = await fetch(`/scenario/${encodeURIComponent(machine)}?${parameters}&${query()}`).catch(() => null);
+  const { ok, told } = await answerTo(`/scenario/${encodeURIComponent(machine)}?${parameters}&${query()}`);
   $("warm-ask").disabled = false;
-  if (answer && answer.ok) {
-    asked = { ...await answer.json(), name };
+  if (ok) {
+    asked = { ...told, name };
     $("warm-said").replaceChildren(...say(asked.said));
   } else {
     asked = null;
-    put($("warm-said"), await whyNot(answer));
+    put($("warm-said"), atom(told));
   }
   show();
 };

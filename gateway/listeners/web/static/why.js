@@ -4,7 +4,7 @@ import { $, changed, make, piece, put } from "./elements.js";
 import { onMoment } from "./chart.js";
 import { fetchPast } from "./past.js";
 import { AXES } from "./screens.js";
-import { amount, time, word } from "./words.js";
+import { amount, answerTo, time, word } from "./words.js";
 
 export const REST = "";
 export const SINCE = ">";
@@ -198,9 +198,9 @@ const follow = async (t) => {
   if (t === null) return;
   // A step takes less than a second to be decided and explained.
   const before = new Date((t + STEP_S) * 1e3).toISOString();
-  const [answer, { found }] = await Promise.all([fetch(`/corrections/${encodeURIComponent(machine)}?before=${encodeURIComponent(before)}`).catch(() => null),
+  const [answer, { found }] = await Promise.all([answerTo(`/corrections/${encodeURIComponent(machine)}?before=${encodeURIComponent(before)}`),
     fetchPast(t - STEP_S, t + STEP_S, "errors")]);
-  const lines = answer && answer.ok ? (await answer.json()).lines : [];
+  const lines = answer.ok ? answer.told.lines : [];
   if (own !== asking) return;
   const last = Math.max(...lines.map((c) => c.k)), told = lines.filter((c) => c.k === last);
   const nearest = found?.t.length ? found.t.reduce((best, at, j) => (Math.abs(at - t) < Math.abs(found.t[best] - t) ? j : best), 0) : null;

@@ -54,6 +54,11 @@ export const atom = (a) => {
   if ("t" in a) return time(a.t);
   return amount(a);
 };
-// Why a server's answer brings nothing. answer: null: there was none
-export const whyNot = async (answer) => answer === null ? word("word.lost") : answer.status === 503 ? atom(await answer.json()) : answer.text();
+// What the server answers: whether it is what was asked for, and what it tells. It may be cut off within it.
+export const answerTo = async (address) => {
+  try {
+    const answer = await fetch(address);
+    return { ok: answer.ok, told: answer.ok || answer.status === 503 ? await answer.json() : { s: await answer.text() } };
+  } catch { return { ok: false, told: { w: "word.lost" } }; }
+};
 export const sentence = ({ say, values }) => word(say).replace(/\{(\w+)\}/g, (_, name) => atom(values[name]));
