@@ -137,10 +137,15 @@ class History:
         return self._connection.execute("SELECT boot, config, fingerprint FROM running ORDER BY id").fetchall()
 
     def snapshots(self) -> Iterator[bytes]:
-        """Those taken at steps that are stored, the latest first; gateway.storage.snapshot decodes them."""
+        """Those taken at steps that are stored, the latest first; gateway.storage.snapshot decodes them.
+
+        None from before what stands for steps that were lost: it would lack what was learnt at these.
+        """
         if self._has("snapshot"):
-            found = "SELECT CAST(state AS BLOB) FROM snapshot WHERE k IN (SELECT k FROM decision) ORDER BY k DESC"
-            yield from (state for (state,) in self._connection.execute(found))
+            stands = self.learnt()
+            found = "SELECT CAST(state AS BLOB) FROM snapshot WHERE k IN (SELECT k FROM decision)"
+            found += " AND k >= ? ORDER BY k DESC"
+            yield from (state for (state,) in self._connection.execute(found, (-1 if stands is None else stands[1],)))
 
     def frames(self, names: Sequence[str], first_k: int, last_k: int) -> Frames:
         """The frames from one grid index to another one, both included, with these inputs."""

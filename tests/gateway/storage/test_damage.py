@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from gateway.control.restart.earlier import earlier_run
+from gateway.control.restart.rebuild import marks
 from gateway.model.events import DecisionMade, FrameMade
 from gateway.model.step_time import StepTime
 from gateway.storage.damage import damage_found
@@ -216,6 +217,35 @@ def test_a_copy_stands_for_its_steps_and_the_record_that_is_left_is_kept(whole: 
     assert np.array_equal(course.learner.mixture.count, known.learner.mixture.count + 2), "of two later measurements"
     with History(path) as history:
         assert len(list(history.steps())) > STEPS // 2
+
+
+def test_a_snapshot_from_before_the_copy_is_not_gone_on_from(whole: Path, tmp_path: Path) -> None:
+    """Steps between the two are lost: the snapshot lacks what was learnt at these."""
+    path, lost = tmp_path / "g.sqlite", range(STEPS, STEPS + 5)
+    shutil.copy(whole, path)
+    settings = two_temperatures(path)
+    with Store(path, "second", SteppedClock()) as store:
+        controller = earlier_run(store, settings).controller
+        store.begin(settings.canonical(), settings.fingerprint(), "")
+        store.keep(Snapshot(marks(settings), controller.state(), None, {}, (None,) * 9))
+        for k in lost:
+            write(store, controller, k)
+        store.keep(Snapshot(marks(settings), controller.state(), None, {}, (None,) * 9))
+        store.flush()
+    known = controller.state().course
+    assert known is not None
+    with closing(sqlite3.connect(path)) as connection:
+        for table in ("frame", "decision"):
+            connection.execute(f"DELETE FROM {table} WHERE k >= ?", (lost.start,))
+        connection.commit()
+        connection.execute("PRAGMA user_version = 3")
+    with Store(path, "third", SteppedClock()) as store:
+        assert store.health.mended
+        past = earlier_run(store, settings)
+    course = past.controller.state().course
+    assert past.last_k == lost[-1]
+    assert course is not None
+    assert np.array_equal(course.learner.mixture.count, known.learner.mixture.count)
 
 
 def test_with_the_reference_in_the_copy_a_lost_page_of_measurements_costs_only_these(
