@@ -41,16 +41,25 @@ def _opened(path: Path) -> sqlite3.Connection:
         raise StoreError(f"{path}: no such file")
     connection = sqlite3.connect(path, timeout=10.0, check_same_thread=False)
     try:
-        version = connection.execute("PRAGMA user_version").fetchone()[0]
+        (version,) = connection.execute("PRAGMA user_version").fetchone()
+        (tables,) = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
     except sqlite3.DatabaseError as error:
         connection.close()
         raise unusable(path, error) from error
     if version not in READABLE:
         connection.close()
-        raise StoreError(
-            f"{path}: schema version {version}, expected {SCHEMA_VERSION}; `talc-gateway run` migrates older ones"
-        )
+        raise StoreError(f"{path}: {_unreadable(version, tables)}")
     return connection
+
+
+def _unreadable(version: int, tables: int) -> str:
+    if version == 0 and not tables:
+        return "is empty: no gateway has stored anything in it; [storage] path in the configuration names the database"
+    if version == 0:
+        return "is the database of another program; [storage] path in the configuration names the gateway's"
+    if 0 < version < min(READABLE):
+        return f"is of an earlier program (schema version {version}); `talc-gateway run` brings it to the present one"
+    return f"states schema version {version}, this program reads {min(READABLE)} to {SCHEMA_VERSION}: use a newer one"
 
 
 class History:
