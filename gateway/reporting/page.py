@@ -16,6 +16,7 @@ from gateway.reporting.data import NotYet, ReportData
 from gateway.reporting.figures import summary
 from gateway.reporting.first_lines import by_shift, losses, not_good, tolerance_met, verdict
 from gateway.reporting.local import hours, weekday
+from gateway.reporting.no_values import no_values
 from gateway.reporting.plots import inputs_plot, still
 from gateway.reporting.series import series
 from gateway.reporting.sketch import letters, sketch
@@ -92,6 +93,7 @@ def build(data: ReportData) -> str:
         chosen=Markup(inputs_plot(data)),
         unhealthy=unhealthy,
         healthy=len(data.channel_health) - len(unhealthy),
+        no_values=no_values(data),
         suspects=[(data.moment(at), said.of(e.text)) for at, e in data.events if e.kind in _SENSORS],
         why=_why(data, said),
         events=[(at, said.word("event", e.kind.value), said.of(e.text)) for at, e in told[-_MOST_EVENTS:]],

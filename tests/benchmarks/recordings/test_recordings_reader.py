@@ -279,3 +279,12 @@ def test_errors_in_different_units_are_named_with_theirs(tmp_path: Path) -> None
     _, series = read_series(written(tmp_path, 'errors = ["dx", "dz_mm", "yaw [urad]"]', lines))
     assert series.units_read == "read dx in µm; dz_mm in mm; yaw [urad] in µrad"
     assert series.angle.tolist() == [False, False, True]
+
+
+def test_cells_that_a_fault_has_made_are_named_with_column_and_count(tmp_path: Path) -> None:
+    lines = [f"{i * 300},{20.0 + 0.1 * i:.1f},{5.0 + 0.2 * i:.1f},{0.3 * i:.1f}" for i in range(100)]
+    for i in (60, 61, 70):
+        lines[i] = f"{i * 300},85.0,{5.0 + 0.2 * i:.1f},{0.3 * i:.1f}"
+    _, series = read_series(written(tmp_path, 'errors = ["drift"]\nunit = "um"', ["time,t1,t2,drift", *lines]))
+    (note,) = [note for note in series.notes if "t1" in note or "t2" in note]
+    assert ("'t1'" in note, "3 steps" in note, f"{60 / 12} h" in note, "power_on" in note) == (True,) * 4
