@@ -240,9 +240,14 @@ def _raised(error: Exception) -> tuple[Location, Text]:
 
 def _unknown_key(location: Location, holder: Sequence[object], root: type[BaseModel], *, table: bool) -> Text:
     key, section_of = str(location[-1]), str(location[0])
-    homes = [title for title, names, section in _sections(root) if key in names and section not in holder]
-    if len(location) > 1 and isinstance(location[1], str):  # what some kinds of another section have is far away
-        homes = [each for each in homes if " of kind" not in each or each.startswith(f"[{section_of}]")]
+    homes = [
+        title + (f" of kind '{kind}'" if kind else "")
+        for title, kind, names, section in _sections(root)
+        if key in names
+        and section not in holder
+        # what some kinds of another section have is far away
+        and (not kind or not len(location) > 1 or not isinstance(location[1], str) or title == f"[{section_of}]")
+    ]
     if homes and not get_close_matches(key, _keys(holder), n=1, cutoff=_CLOSE):
         if table:
             homes = [f"[{title.partition(']')[0].strip('[')}.{key}]" for title in homes]
@@ -314,9 +319,9 @@ def _without_tags(location: Location, data: object) -> tuple[str | int, ...]:
     return tuple(kept)
 
 
-def _sections(holder: type, path: str = "") -> Iterator[tuple[str, Iterable[str], type]]:
-    """Title, keys and class of every section in a section, as the file has it; of an array or a map by its own key
-    too."""
+def _sections(holder: type, path: str = "") -> Iterator[tuple[str, str, Iterable[str], type]]:
+    """Title, kind if there are several, keys and class of every section in a section, as the file has it; of an array
+    or a map by its own key too."""
     for key, annotation in _fields(holder).items():
         here = f"{path}.{key}".removeprefix(".")
         for member in (members := list(_members(annotation))):
@@ -328,8 +333,7 @@ def _sections(holder: type, path: str = "") -> Iterator[tuple[str, Iterable[str]
                 if not isinstance(each, type) or not (fields := _fields(each)):
                     continue
                 title = f"[[{here}]]" if listed else f"[{here}.NAME]" if mapped else f"[{here}]"
-                kind = f" of kind '{_tag(each)}'" if kinds > 1 and _tag(each) else ""
-                yield title + kind, [*fields, key] if mapped else fields, each
+                yield title, _tag(each) or "" if kinds > 1 else "", [*fields, key] if mapped else fields, each
                 yield from _sections(each, here)
 
 

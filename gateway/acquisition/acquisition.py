@@ -10,7 +10,6 @@ from gateway.acquisition.line import Line
 from gateway.acquisition.runner import BusRunner, Publish
 from gateway.acquisition.stale import StaleWatch
 from gateway.model.notice import Notify
-from gateway.model.sample import Sample
 from gateway.runtime.clocks import ServiceClock
 from gateway.runtime.parts import WORK_S, Part, Parts
 
@@ -29,6 +28,7 @@ class Acquisition:
     notify: receives problems as they begin and end
     quiet: problems are not logged, as `notify` shows them
     board: takes every reading before `publish` does, and says which have gone stale; None: one of its own
+    before: receive each device's readings before `publish` does
     expired: receives the readings of all devices that have gone stale; None: `publish` does
     parts: of the service, among which the runners are; None: of its own
     """
@@ -42,12 +42,14 @@ class Acquisition:
         *,
         quiet: bool = False,
         board: Board | None = None,
+        before: Sequence[Publish] = (),
         expired: Publish | None = None,
         parts: Parts | None = None,
     ) -> None:
         self._clock, self._publish, self._notify, self._quiet = clock, publish, notify, quiet
         self._sequence = count(1).__next__
         self.board = Board(_periods_s(lines)) if board is None else board
+        self._before = (self.board.put, *before)
         stale = StaleWatch(self.board, clock, self._sequence, publish if expired is None else expired)
         self._runners = dict[str, BusRunner]()
         self._parts = Parts() if parts is None else parts
@@ -78,13 +80,11 @@ class Acquisition:
         self._parts.add(*map(self._part, start))
 
     def _part(self, line: Line) -> Part:
-        runner = BusRunner(line, self._clock, self._take, self._notify, self._sequence, quiet=self._quiet)
+        runner = BusRunner(
+            line, self._clock, self._publish, self._notify, self._sequence, before=self._before, quiet=self._quiet
+        )
         self._runners[line.bus.name] = runner
         return Part(_name(line.bus.name), runner.run, works_s=WORK_S + line.read_limit_s * len(line.drivers))
-
-    def _take(self, readings: Sequence[Sample]) -> None:
-        self.board.put(readings)
-        self._publish(readings)
 
 
 def _name(bus: str) -> str:

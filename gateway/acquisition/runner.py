@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from drivers.base import BadAnswer, Busy, ConnectError, DriverError, NoAnswer
+from drivers.base import BadAnswer, Busy, ConnectError, DriverError, NoAnswer, Reading
 from gateway.acquisition.bus import PolledBus
 from gateway.acquisition.device import PolledDevice
 from gateway.acquisition.line import Line
@@ -75,11 +75,12 @@ class BusRunner:
         notify: Notify,
         sequence: Callable[[], int],
         *,
+        before: Sequence[Publish] = (),
         quiet: bool = False,
     ) -> None:
         self.line = line
         self.devices = tuple(PolledDevice(driver, line, clock) for driver in line.drivers)
-        self._clock, self._publish, self._sequence = clock, publish, sequence
+        self._clock, self._takers, self._sequence = clock, (*before, publish), sequence
         self._bus = PolledBus(line)
         self._reserve_s = min(_RESERVE_S, line.period_s / 10) if self._bus.is_limited else 0.0
         problems = Problems(clock, line.period_s, notify, log, quiet=quiet)
@@ -329,7 +330,7 @@ class BusRunner:
         self._bus.heard()
         device.breaker.succeeded()
         self._reports.answered(device.subject, readings)
-        self._publish(samples(readings, self._sequence()))
+        self._publish(readings)
         return None
 
     def _may_be_asked_again(self, device: PolledDevice, error: Exception) -> bool:
@@ -370,7 +371,12 @@ class BusRunner:
         return unsure.asks >= _MOST_SILENT
 
     def _publish_fault(self, device: PolledDevice) -> None:
-        self._publish(samples(device.fault(), self._sequence()))
+        self._publish(device.fault())
+
+    def _publish(self, readings: Sequence[Reading]) -> None:
+        taken = samples(readings, self._sequence())
+        for take in self._takers:
+            take(taken)
 
     async def close(self) -> None:
         """Close the devices and the bus."""

@@ -70,6 +70,10 @@ async def _nothing_to_wait_for() -> None:
     """Waits for nothing, in a service without a store."""
 
 
+def not_published() -> None:
+    """The connection of a telemetry that is off."""
+
+
 class Service:
     """One gateway: `parts` that run together, `events` that they publish, and the `link` to its control.
 
@@ -100,7 +104,7 @@ class Service:
         synchronised: Callable[[], bool | None] = lambda: None,
         on_disk: Callable[[], Awaitable[None]] = _nothing_to_wait_for,
         reload: Callable[["Service"], Awaitable[Text]] | None = None,
-        telemetry: Callable[[], Connection | None] = lambda: None,
+        telemetry: Callable[[], Connection | None] = not_published,
     ) -> None:
         self._config, self._clock, self._tap = config, clock, tap
         self.parts = Parts()
@@ -111,12 +115,17 @@ class Service:
         publish, notify = self.events.publish, problems_to(self.events.publish)
         ages = Ages(clock, step_s, past.moment, past.pauses)
 
-        def taken(readings: Sequence[Sample]) -> None:
-            sampler.add(readings)
+        def publish_readings(readings: Sequence[Sample]) -> None:
             publish(ReadingsTaken(readings))
 
         self._acquisition = Acquisition(
-            lines_of(config, clock, tap), clock, taken, notify, board=self.board, parts=self.parts
+            lines_of(config, clock, tap),
+            clock,
+            publish_readings,
+            notify,
+            board=self.board,
+            before=(sampler.add,),
+            parts=self.parts,
         )
 
         def stored() -> bool:
@@ -211,17 +220,14 @@ class Service:
         """Fingerprint of the configuration in use, also after a reload."""
         return self._config.fingerprint()
 
-    @property
     def clock_known(self) -> bool:
         """Whether the wall clock is known to be right."""
         return not self._clock_watch.unknown
 
-    @property
     def periods_missed(self) -> Mapping[str, int]:
         """Number of periods, by bus since its start, without a read because the previous one took too long."""
         return {name: runner.missed for name, runner in self._acquisition.runners.items()}
 
-    @property
     def answers_s(self) -> Mapping[str, Mapping[int, float]]:
         """How long each unit usually takes to answer, s, by bus."""
         return {name: runner.answers_s for name, runner in self._acquisition.runners.items() if runner.answers_s}

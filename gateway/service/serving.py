@@ -24,12 +24,13 @@ from gateway.runtime.extras import lack_of
 from gateway.runtime.time_service import clock_synchronised
 from gateway.runtime.versions import program_version, versions
 from gateway.service.day_reports import DayReports
-from gateway.service.service import Service
+from gateway.service.service import Service, not_published
 from gateway.service.stored_answers import course_of, history_of, rows_of
 from gateway.storage.answers import DiskWork
 from gateway.storage.readings import Retention
 from gateway.storage.store import Store, boot_id
 from gateway.telemetry.publisher import TelemetryPublisher
+from gateway.telemetry.reached import Reached
 from talc.frame import EventKind
 
 log = logging.getLogger(__name__)
@@ -78,7 +79,7 @@ async def serve(
         prior = None if config.prior is None else (config.prior.content_hash, config.prior.text)
         store.begin(config.canonical(), config.fingerprint(), versions(*_WIRES), prior)
         events = Events(store.record)
-        publisher: TelemetryPublisher | None = None
+        reached = Reached(config.telemetry, config.machine.name, boot) if config.telemetry.enabled else None
         synchronised = (lambda: None) if simulated else clock_synchronised
 
         async def on_disk() -> None:
@@ -96,9 +97,10 @@ async def serve(
             synchronised,
             on_disk,
             reload,
-            lambda: None if publisher is None else publisher.connection,
+            not_published if reached is None else reached.connection,
         )
-        if config.telemetry.enabled:
+        publisher: TelemetryPublisher | None = None
+        if reached is not None:
             reports = DayReports(config.storage.path, clock.utc, missing=lack_of("report"))
             publisher = TelemetryPublisher(
                 config.telemetry,
@@ -107,13 +109,14 @@ async def serve(
                 clock,
                 boot,
                 simulated=simulated,
+                reached=reached,
                 history=history_of(config.storage.path),
                 course=course_of(config.storage.path, config.grid.step_s),
                 stored=rows_of(config.storage.path),
                 report=reports,
-                periods_missed=lambda: service.periods_missed,
-                answers_s=lambda: service.answers_s,
-                clock_known=lambda: service.clock_known,
+                periods_missed=service.periods_missed,
+                answers_s=service.answers_s,
+                clock_known=service.clock_known,
                 obey=service.obey,
                 scenario=service.scenario,
             )
@@ -126,8 +129,8 @@ async def serve(
                 config.machine.name,
                 program_version(),
                 clock.utc,
-                lambda: service.periods_missed,
-                lambda: {} if publisher is None else publisher.dropped._asdict(),
+                service.periods_missed,
+                dict if publisher is None else publisher.dropped_by_kind,
             )
             stack.enter_context(MetricsServer(config.metrics, config.telemetry.tls, figures))
             events.subscribe_to_all(figures.take)

@@ -32,7 +32,7 @@ class Echo:
     def __init__(self, settings: Telemetry, root: str, boot: str) -> None:
         self._selector, self._boot = f"{root}/{keys.STATUS}", boot
         kept = Kept(lambda: reader_config(settings.connect, own_access(settings)), None, settings.connect)
-        self._kept = KeptSession(kept, lambda _: None, looked=self._ask) if settings.connect else None
+        self._kept = KeptSession(kept, looked=self._ask) if settings.connect else None
         self._asked_s, self._unheard = -_EVERY_S, 0
         self._confirmed: bool | None = None
         self._other = ""

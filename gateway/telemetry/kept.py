@@ -44,7 +44,6 @@ class KeptSession:
     Parameters
     ----------
     kept: which session
-    opened: called once, in the thread, with the session that has opened; may block
     changed: called in the thread when the connection is another one
     looked: called in the thread, every few seconds while it is connected; may block for a moment
     """
@@ -52,22 +51,25 @@ class KeptSession:
     def __init__(
         self,
         kept: Kept,
-        opened: Callable[[zenoh.Session], None],
         changed: Callable[[Connection], None] = lambda _: None,
         looked: Callable[[zenoh.Session], None] = lambda _: None,
     ) -> None:
-        self._kept, self._opened, self._changed, self._look_on = kept, opened, changed, looked
+        self._kept, self._changed, self._look_on = kept, changed, looked
         self._closed, self._tried = threading.Event(), threading.Event()
-        # The threads of Zenoh's callbacks are as the one that begins them. One that is a daemon aborts the process when
-        # it wakes while the interpreter ends: Python then ends the thread, which Rust does not allow.
-        self._thread = threading.Thread(target=self._run, name="telemetry session", daemon=False)
+        self._thread: threading.Thread | None = None
         self.session: zenoh.Session | None = None
         """None: it has not opened yet."""
         self.connection = Connection(datetime.now(UTC))
         """As it was found last; before the first attempt has ended as if it were open."""
 
-    def start(self) -> None:
-        """Begin to open it."""
+    def start(self, opened: Callable[[zenoh.Session], None] = lambda _: None) -> None:
+        """Begin to open it.
+
+        opened: called once, in the thread, with the session that has opened; may block
+        """
+        # The threads of Zenoh's callbacks are as the one that begins them. One that is a daemon aborts the process when
+        # it wakes while the interpreter ends: Python then ends the thread, which Rust does not allow.
+        self._thread = threading.Thread(target=self._run, args=(opened,), name="telemetry session", daemon=False)
         self._thread.start()
 
     def tried(self, limit_s: float) -> None:
@@ -77,7 +79,7 @@ class KeptSession:
     def stop(self) -> None:
         """Neither open nor look any more; an attempt that is under way ends first, after seconds."""
         self._closed.set()
-        if self._thread.ident is not None:
+        if self._thread is not None:
             self._thread.join()
 
     def close(self) -> None:
@@ -86,20 +88,20 @@ class KeptSession:
         if self.session is not None:
             self.session.close()
 
-    def _run(self) -> None:
+    def _run(self, opened: Callable[[zenoh.Session], None]) -> None:
         while not self._closed.is_set():
             if not threading.main_thread().is_alive():  # the program ends, and nobody has closed this
                 if self.session is not None:
                     self.session.close()
                 return
             try:
-                self._found(self._opened_anew() if self.session is None else self._looked(self.session))
+                self._found(self._opened_anew(opened) if self.session is None else self._looked(self.session))
             except Exception:  # it is tried again; without this thread nothing would be published
                 log.exception("unexpected error in the telemetry's session; please report this")
             self._tried.set()
             self._closed.wait(_AGAIN_S)
 
-    def _opened_anew(self) -> Connection:
+    def _opened_anew(self, opened: Callable[[zenoh.Session], None]) -> Connection:
         places = ", ".join((*(place.text for place in self._kept.listening), *self._kept.connect))
         try:
             session = zenoh.open(self._kept.config())
@@ -111,7 +113,7 @@ class KeptSession:
             return self._unreached(without_path(error))
         self.session = session
         if not self._closed.is_set():
-            self._opened(session)
+            opened(session)
         return self._looked(session)
 
     def _looked(self, session: zenoh.Session) -> Connection:

@@ -18,7 +18,6 @@ from gateway.config.consequences import unarmed
 from gateway.config.telemetry import Telemetry as TelemetrySettings
 from gateway.model.codes import NoticeCode
 from gateway.model.commands import Command, CommandOutcome
-from gateway.model.connection import Connection
 from gateway.model.events import (
     CompensationStepped,
     DecisionMade,
@@ -35,14 +34,12 @@ from gateway.telemetry.backlog import Backlog
 from gateway.telemetry.codec import encode
 from gateway.telemetry.command_door import CommandDoor, Entitled
 from gateway.telemetry.compose import Composer, Dropped, GatewayState, Keyed
-from gateway.telemetry.echo import Echo
 from gateway.telemetry.history_queries import CourseSource, HistorySource, course_answer, history_answer
 from gateway.telemetry.json_schema import schemas
-from gateway.telemetry.kept import Kept, KeptSession
 from gateway.telemetry.queries import Queries
+from gateway.telemetry.reached import Reached
 from gateway.telemetry.report_queries import ReportSource, report_answer
 from gateway.telemetry.scenario_queries import ScenarioRequest, scenario_answer
-from gateway.telemetry.session import own_access, session_config
 from gateway.telemetry.stored_queries import StoredSource, stored_answer
 
 log = logging.getLogger(__name__)
@@ -93,6 +90,7 @@ class TelemetryPublisher:
     clock: for the time in each payload and the age of readings
     boot: identifies this run of the process
     simulated: whether the clock is a simulated one
+    reached: how others reach it; None: by these settings
     history: finds stored readings; None: queries on `history` are refused
     course: finds stored estimates; None: queries on `course` are refused
     stored: finds stored rows; None: queries on `stored` are refused
@@ -113,6 +111,7 @@ class TelemetryPublisher:
         boot: str,
         *,
         simulated: bool,
+        reached: Reached | None = None,
         history: HistorySource | None = None,
         course: CourseSource | None = None,
         stored: StoredSource | None = None,
@@ -132,11 +131,7 @@ class TelemetryPublisher:
         self._last_lock = threading.Lock()
         self._thread = threading.Thread(target=self._send, name="telemetry", daemon=True)
         self._problems = Problems(SystemClock(), 1.0, lambda _: None, log)
-        kept = Kept(
-            lambda: session_config(settings), lambda: own_access(settings), settings.connect, settings.listening
-        )
-        self._kept = KeptSession(kept, self._opened)
-        self._echo = Echo(settings, self._root, boot)
+        self.reached = Reached(settings, machine, boot) if reached is None else reached
         self._queries: tuple[Queries, ...] = (
             Queries(self._root, keys.HISTORY, None if history is None else history_answer(history)),
             Queries(self._root, keys.COURSE, None if course is None else course_answer(course)),
@@ -153,14 +148,13 @@ class TelemetryPublisher:
         """What was not published because the network was too slow."""
         return Dropped(self._backlog.dropped_loose, self._backlog.dropped_firm)
 
-    @property
-    def connection(self) -> Connection:
-        """Whether the session is open and connected, as it was found last."""
-        return self._echo.known(self._kept.connection)
+    def dropped_by_kind(self) -> Mapping[str, int]:
+        """The same, for figures."""
+        return self.dropped._asdict()
 
     async def tried(self, limit_s: float) -> None:
         """Wait until the first attempt to open the session has ended, or for so long."""
-        await asyncio.to_thread(self._kept.tried, limit_s)
+        await asyncio.to_thread(self.reached.session.tried, limit_s)
 
     async def __aenter__(self) -> Self:
         self._schemas = {f"{keys.SCHEMA}/{kind}": text.encode() for kind, text in schemas().items()}
@@ -168,15 +162,15 @@ class TelemetryPublisher:
         self._queries = (*self._queries, self._scenario_queries(loop), *self._command_queries(loop))
         for queries in self._queries:
             queries.start()
-        self._kept.start()
-        self._echo.start()
+        self.reached.session.start(self._opened)
+        self.reached.echo.start()
         await self.tried(_OPENS_S)
         return self
 
     async def __aexit__(self, *_: object) -> None:
         self._backlog.close()
-        await asyncio.to_thread(self._echo.close)
-        await asyncio.to_thread(self._kept.stop)
+        await asyncio.to_thread(self.reached.echo.close)
+        await asyncio.to_thread(self.reached.session.stop)
         if self._thread.ident is not None:
             await asyncio.to_thread(self._thread.join)
         for queries in self._queries:
@@ -225,7 +219,7 @@ class TelemetryPublisher:
     def _close(self) -> None:
         for undeclare in reversed(self._undeclare):  # the token first
             undeclare()
-        self._kept.close()
+        self.reached.session.close()
 
     def publish(self, event: GatewayEvent) -> None:
         """A gateway.model.events.Sink: puts the event's messages into the queue."""
@@ -265,7 +259,7 @@ class TelemetryPublisher:
             self._backlog.put(together, firm=firm)
 
     def _send(self) -> None:
-        session = self._kept.session
+        session = self.reached.session.session
         while session is not None and (messages := self._backlog.take()):
             self._put_out(session, messages)
 

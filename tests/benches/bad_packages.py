@@ -66,8 +66,8 @@ BAD_PACKAGES = (
     BadPackage(
         "silent",
         "gateway/acquisition/acquisition",
-        "BusRunner(line, self._clock, self._take, self._notify,",
-        "BusRunner(line, self._clock, lambda _: None, self._notify,",
+        "line, self._clock, self._publish, self._notify, self._sequence, before=self._before,",
+        "line, self._clock, lambda _: None, self._notify, self._sequence,",
         longest_s=45,
     ),
 )

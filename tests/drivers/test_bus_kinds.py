@@ -20,10 +20,6 @@ PLACES: Mapping[str, Mapping[str, object]] = {
 }  # fmt: skip
 
 
-def test_these_are_all_kinds() -> None:
-    assert BUS_KINDS.keys() == PLACES.keys()
-
-
 @pytest.mark.parametrize("kind", PLACES)
 def test_a_bus_is_of_its_kind_and_a_message_names_it(kind: str, tmp_path: Path) -> None:
     (tmp_path / "agent.key").write_text("k" * 40)

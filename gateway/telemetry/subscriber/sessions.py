@@ -45,16 +45,15 @@ class PlaceSessions:
                     partial(own_access, telemetry),
                     (place,) if place else (),
                 ),
-                opened,
                 partial(self._changed, place),
             )
             for place in dict.fromkeys((*telemetry.connect, *(("",) if telemetry.multicast else ())))
         }
-        self._leaving = ExitStack()
+        self._leaving, self._opened = ExitStack(), opened
 
     def __enter__(self) -> Self:
         for kept in self._kept.values():
-            kept.start()
+            kept.start(self._opened)
             self._leaving.callback(kept.close)
         for kept in self._kept.values():
             kept.tried(_OPENS_S)

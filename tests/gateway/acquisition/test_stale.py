@@ -133,8 +133,8 @@ async def test_the_service_reports_a_stale_value_while_the_read_hangs() -> None:
         stale = await until(Quality.STALE, good)
         host.spoil = None
         again = await until(Quality.GOOD, stale)
-        assert next(iter(service.periods_missed.values())) >= 2, "they are counted, for the status"
-        [[answer_s]] = [of.values() for of in service.answers_s.values()]
+        assert next(iter(service.periods_missed().values())) >= 2, "they are counted, for the status"
+        [[answer_s]] = [of.values() for of in service.answers_s().values()]
         assert 0.0 < answer_s < LATE_S
     finally:
         stop.set()

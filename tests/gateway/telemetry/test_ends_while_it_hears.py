@@ -29,8 +29,8 @@ def opened(session):
     declared.set()
 
 there = Kept(lambda: reader_config(telemetry.connect, own_access(telemetry)), None, telemetry.connect)
-kept = KeptSession(there, opened)
-kept.start()
+kept = KeptSession(there)
+kept.start(opened)
 declared.wait(10.0)
 print("hears", flush=True)
 heard.wait(10.0)

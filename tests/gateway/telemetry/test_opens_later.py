@@ -75,9 +75,9 @@ async def heard_within(site: Site, gateway: TelemetryPublisher, texts: list[str]
         except MachineError:  # its token reaches the router a moment after its connection
             return False
 
-    await until(lambda: not gateway.connection.problem, seconds)
+    await until(lambda: not gateway.reached.connection().problem, seconds)
     await until(found, max(1.0, end_s - time.monotonic()), 0.1)
-    assert gateway.connection.to == f"tls/127.0.0.1:{site.port}"
+    assert gateway.reached.connection().to == f"tls/127.0.0.1:{site.port}"
 
 
 CAUSES = {
@@ -105,7 +105,7 @@ async def test_the_cause_is_named_and_the_cure_publishes(wrong: str, cause: Noti
         async with publisher as gateway:
             assert time.monotonic() - began_s < CURED_S, "it holds up the start"
             gateway.publish(problem("what was before"))
-            await until(lambda: gateway.connection.problem.says(cause))
+            await until(lambda: gateway.reached.connection().problem.says(cause))
             if wrong == "authority":
                 shutil.copy(site.plant.path, site.authority)
             if wrong == "certificate":

@@ -213,7 +213,7 @@ async def test_what_one_reader_sends_no_other_gets(tmp_path: Path) -> None:
 async def test_a_password_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     settings = Telemetry(listen=(), user="mill", password_file=tmp_path / "password")
     async with publisher(settings) as gateway:
-        assert gateway.connection.problem.value_of("path") == str(settings.password_file)
+        assert gateway.reached.connection().problem.value_of("path") == str(settings.password_file)
 
 
 def raw(access: Access) -> dict[str, Any]:

@@ -161,7 +161,7 @@ async def test_a_port_in_use_is_named_and_holds_up_nothing() -> None:
         taken.listen()
         port = taken.getsockname()[1]
         async with telemetry(port) as gateway:
-            problem = gateway.connection.problem
+            problem = gateway.reached.connection().problem
     assert problem.says(NoticeCode.TELEMETRY_NOT_OPEN)
     assert problem.value_of("places") == f"tcp/127.0.0.1:{port}"
 

@@ -49,7 +49,9 @@ async def test_each_finds_the_other_and_readers_keep_them_apart(caplog: pytest.L
             with SiteSubscription(site, reader), GatewaySource(reader, (), heard.append):
                 for one in (first, second):
                     one.publish(healthy())
-                await until(lambda: first.connection.other == "b" and second.connection.other == "a")
+                await until(
+                    lambda: first.reached.connection().other == "b" and second.reached.connection().other == "a"
+                )
                 with caplog.at_level(logging.WARNING):
                     for n in range(20):
                         first.publish(problem(f"a {n}"))
@@ -99,8 +101,8 @@ async def test_the_router_s_rules_admit_a_gateway_and_its_own_programs_and_one_t
         ):
             for one in (named, unnamed):
                 one.publish(healthy())
-            await until(lambda: named.connection.confirmed)
-            await until(lambda: unnamed.connection.confirmed is False)
+            await until(lambda: named.reached.connection().confirmed)
+            await until(lambda: unnamed.reached.connection().confirmed is False)
             site = SiteSeen("talc", ("mill",))
             with SiteSubscription(site, settings("mill", where)):
                 await until(lambda: is_alive(site))
