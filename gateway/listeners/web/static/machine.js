@@ -6,6 +6,7 @@ import { showDay as showLastDay } from "./day.js";
 import { $, changed, draw, make, paint, put, rows, say } from "./elements.js";
 import { showModel } from "./model.js";
 import { hear, stateUnit } from "./past.js";
+import { lead } from "./screens.js";
 import { showSensors } from "./sensors.js";
 import { amount, exact, lasted, recent, sentence, setToday, weekday, whole, word } from "./words.js";
 import { openProblems } from "./tables.js";
@@ -111,6 +112,7 @@ export const showMachine = (v) => {
     return [orders([...v.notices, ...look]), ...said(true), ...(most ? [make("p", most, "from-where")] : []), list(next), ...said(false)];
   });
   showBars(v.axes, v.tolerance_um);
+  if (v.axes.length) lead(v.axes.reduce((a, b) => (b.far.n > a.far.n ? b : a)).axis);
   keepTolerance(v.tolerance_um);
   keepSphere(v.sphere_mm);
   showModel(v, sphere(), point().slice(3), v.alive);
